@@ -1,0 +1,72 @@
+"""One sheet of cloth simulated by Blender. Imports bpy: run it in a process of its own (see worker)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import bpy
+import numpy as np
+from jaxtyping import Float, Int
+
+CLOCK = 1000.0
+"""Blender's cloth moves a free vertex by gravity / 1000 per frame², whatever the scene's frame rate (FINDINGS 1)."""
+
+
+def simulate(
+    rest_positions: Float[np.ndarray, "vertices 3"],
+    faces: Int[np.ndarray, "faces 3"],
+    pinned: Int[np.ndarray, " pinned"],
+    settings: Mapping[str, float | bool | str],
+    start: Float[np.ndarray, "vertices 3"],
+    acceleration: Float[np.ndarray, "steps 3"],
+    fps: float,
+) -> Float[np.ndarray, "steps+1 vertices 3"]:
+    """Positions [m] at ``start`` (velocity 0) and after each of the steps of 1/``fps`` seconds.
+
+    ``acceleration[k]`` [m/s²] acts from frame k to frame k + 1 on every vertex that is not pinned. One frame of
+    Blender's cloth is one step; the scene's gravity is ``acceleration * 1000 / fps²`` so that gravity is right in
+    metres and seconds. The rest shape is ``rest_positions``. No self-collision, no obstacle.
+    """
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.use_gravity = True
+    cloth = _cloth_object(rest_positions, faces, pinned, start)
+    modifier = _cloth_modifier(cloth, settings, pinned, frames=len(acceleration) + 1)
+    modifier.settings.rest_shape_key = cloth.data.shape_keys.key_blocks["rest"]
+    positions = np.empty((len(acceleration) + 1, len(rest_positions), 3), np.float32)
+    for frame in range(len(positions)):
+        if frame > 0:
+            scene.gravity = acceleration[frame - 1] * CLOCK / fps**2
+        scene.frame_set(frame + 1)
+        evaluated = cloth.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        evaluated.data.vertices.foreach_get("co", positions[frame].reshape(-1))
+    return positions
+
+
+def _cloth_object(rest: np.ndarray, faces: np.ndarray, pinned: np.ndarray, start: np.ndarray) -> bpy.types.Object:
+    mesh = bpy.data.meshes.new("cloth")
+    mesh.from_pydata(rest.tolist(), [], faces.tolist())
+    mesh.update()
+    cloth = bpy.data.objects.new("cloth", mesh)
+    bpy.context.scene.collection.objects.link(cloth)
+    cloth.shape_key_add(name="rest", from_mix=False)
+    pose = cloth.shape_key_add(name="start", from_mix=False)
+    pose.data.foreach_set("co", np.ascontiguousarray(start, np.float32).reshape(-1))
+    pose.value = 1.0
+    if len(pinned):
+        cloth.vertex_groups.new(name="pinned").add(pinned.tolist(), 1.0, "REPLACE")
+    return cloth
+
+
+def _cloth_modifier(cloth: bpy.types.Object, settings: Mapping, pinned: np.ndarray, frames: int):
+    modifier = cloth.modifiers.new("cloth", "CLOTH")
+    for name, value in settings.items():
+        if name != "preset":
+            setattr(modifier.settings, name, value)
+    if len(pinned):
+        modifier.settings.vertex_group_mass = "pinned"
+    modifier.collision_settings.use_collision = False
+    modifier.collision_settings.use_self_collision = False
+    modifier.point_cache.frame_start = 1
+    modifier.point_cache.frame_end = frames
+    return modifier

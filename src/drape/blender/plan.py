@@ -1,0 +1,127 @@
+"""What determines a data set: the config nodes ``data`` and ``material``, checked and resolved to plain values."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+from drape.blender.presets import blender_version, fabric_settings
+from drape.errors import DrapeError
+from drape.scene.grid import PATTERNS
+
+NUMBERS = {
+    "seed": (int, 0, math.inf),
+    "size": (float, 1e-3, math.inf),
+    "resolution": (int, 3, math.inf),
+    "fps": (float, 1, math.inf),
+    "frames": (int, 3, math.inf),
+    "gravity": (float, 0, math.inf),
+    "counts.train": (int, 0, math.inf),
+    "counts.test": (int, 0, math.inf),
+    "start.turning": (float, 0, 179),
+    "start.stiff_turning": (float, 0, math.inf),
+    "start.curvature": (float, 0, math.inf),
+    "start.swing": (float, -180, 180),
+    "start.preroll": (int, 0, math.inf),
+    "start.push": (float, 0, math.inf),
+    "reject.strain": (float, 1e-9, math.inf),
+    "reject.energy": (float, 1e-9, math.inf),
+    "reject.attempts": (int, 1, math.inf),
+}
+"""Every number of ``data``: kind, lowest and highest allowed value; units stand in ``conf/data/cloth.yaml``."""
+RANGES = ("start.swing", "start.preroll")
+"""Those that are pairs [lowest, highest]."""
+TEXTS = ("name", "path", "pattern")
+NOT_IN_REQUEST = ("name", "path")
+"""Keys of ``data`` that do not change the data."""
+
+
+def flatten(tree: Mapping, prefix: str = "") -> dict[str, object]:
+    """``{"a": {"b": 1}}`` as ``{"a.b": 1}``."""
+    flat = {}
+    for key, value in tree.items():
+        inside = isinstance(value, Mapping) and value
+        flat.update(flatten(value, f"{prefix}{key}.") if inside else {f"{prefix}{key}": value})
+    return flat
+
+
+def check_data(data: Mapping) -> None:
+    """Refuse a ``data`` node with missing or unknown keys, or with values that no data set can have.
+
+    Raises:
+        DrapeError: the key, what was found, what is expected.
+    """
+    flat = flatten(data)
+    for key in flat:
+        if key not in NUMBERS and key not in TEXTS:
+            close = difflib.get_close_matches(key, [*NUMBERS, *TEXTS], n=1)
+            raise DrapeError(f"data.{key}: no such key" + (f"; did you mean data.{close[0]}?" if close else ""))
+    for key in [*NUMBERS, *TEXTS]:
+        if key not in flat:
+            raise DrapeError(f"data.{key}: missing; see conf/data/cloth.yaml")
+    for key in NUMBERS:
+        values = flat[key] if key in RANGES else [flat[key]]
+        if not isinstance(values, list) or len(values) != (2 if key in RANGES else 1):
+            raise DrapeError(f"data.{key}: found {flat[key]!r}; expected [lowest, highest]")
+        for value in values:
+            _check_number(key, value)
+        if values[0] > values[-1]:
+            raise DrapeError(f"data.{key}: found {values}; expected the lower number first")
+    if flat["pattern"] not in PATTERNS:
+        raise DrapeError(f"data.pattern: found {flat['pattern']!r}; expected one of {', '.join(PATTERNS)}")
+    if flat["counts.train"] + flat["counts.test"] == 0:
+        raise DrapeError("data.counts: no sequences at all; expected at least one")
+
+
+def _check_number(key: str, value: object) -> None:
+    kind, lowest, highest = NUMBERS[key]
+    right = isinstance(value, int if kind is int else (int, float)) and not isinstance(value, bool)
+    if not right or not math.isfinite(value) or not lowest <= value <= highest:
+        what = "a whole number" if kind is int else "a number"
+        bounds = f"from {lowest} on" if highest == math.inf else f"from {lowest} to {highest}"
+        raise DrapeError(f"data.{key}: found {value!r}; expected {what} {bounds}")
+
+
+def make_request(data: Mapping, material: Mapping) -> dict:
+    """What the user asks for, without names of files: two equal requests give equal data with the same Blender.
+
+    Raises:
+        DrapeError: see :func:`check_data`; or a fabric without a preset.
+    """
+    check_data(data)
+    if not material:
+        raise DrapeError("material: no fabric; expected material=all or another of conf/material/*.yaml")
+    for fabric, entry in material.items():
+        if not isinstance(entry, Mapping) or "preset" not in entry or set(entry) - {"preset", "overrides"}:
+            raise DrapeError(f"material.{fabric}: found {entry}; expected the keys preset and overrides only")
+    request = {"data": {k: v for k, v in data.items() if k not in NOT_IN_REQUEST}, "material": material}
+    return json.loads(json.dumps(request))
+
+
+def make_plan(request: Mapping) -> dict:
+    """A request with what only the installed Blender knows: ``settings`` per fabric and ``blender_version``.
+
+    Raises:
+        DrapeError: Blender is missing, or a preset or one of its settings is unknown.
+    """
+    settings = {
+        fabric: fabric_settings(fabric, entry["preset"], entry.get("overrides") or {})
+        for fabric, entry in request["material"].items()
+    }
+    return json.loads(json.dumps({**request, "settings": settings, "blender_version": blender_version()}))
+
+
+def refuse_difference(found: Mapping, wanted: Mapping, where: Path) -> None:
+    """Raise a DrapeError that lists the keys in which two requests or plans differ, if they do."""
+    there, here = flatten(found), flatten(wanted)
+    keys = [key for key in sorted(there | here) if there.get(key, "nothing") != here.get(key, "nothing")]
+    if keys:
+        lines = [f"{key}: {there.get(key, 'nothing')} there, {here.get(key, 'nothing')} asked for" for key in keys[:5]]
+        more = f"; and {len(keys) - 5} more" if len(keys) > 5 else ""
+        raise DrapeError(
+            f"{where}: was made with another configuration ({'; '.join(lines)}{more}); delete it, or choose another "
+            "data.path"
+        )

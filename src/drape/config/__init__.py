@@ -1,0 +1,8 @@
+"""Between the command line and the library: entry points, checks and resolvers of a config, building its objects."""
+
+from drape.config.ablation import check_ablation
+from drape.config.check import check_config
+from drape.config.entry_point import instantiate, main
+from drape.config.resolvers import chosen, set_statistics
+
+__all__ = ["check_ablation", "check_config", "chosen", "instantiate", "main", "set_statistics"]

@@ -1,0 +1,182 @@
+"""Find every mistake of a composed config before anything is built."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import typing
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any
+
+import yaml
+from omegaconf import Container, DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from drape.config.accepts import UNKNOWN, accepts
+from drape.config.entry_point import CONF
+from drape.config.resolvers import StatisticsUnknown
+from drape.config.sentences import causes, did_you_mean
+from drape.config.target import locate, why_not
+from drape.errors import DrapeError
+
+INSTRUCTIONS = {"_target_", "_partial_", "_recursive_", "_convert_", "_args_"}
+"""What Hydra keeps for itself beside the arguments of a ``_target_``."""
+
+
+def check_config(
+    config: DictConfig,
+    *,
+    contents: str = "train",
+    supplied: Mapping[str, Collection[str]] | None = None,
+    read_by_config: Collection[str] = (),
+) -> None:
+    """Refuse a config with mistakes, all of them in one message, a line each: where, found, expected, what to do.
+
+    Found are: top-level nodes that ``conf/<contents>.yaml`` does not have; values that are not set (``???``);
+    interpolations without a value; a ``_target_`` that cannot be imported; arguments that it does not have, lacks, or
+    whose values are not of the annotated type; members of a family (losses, callbacks) without a ``_target_``; values
+    that nobody reads in the nodes ``read_by_config``, which exist only for interpolations from elsewhere.
+    ``supplied`` names the arguments that the program adds itself, by the dotted path of the object.
+
+    Raises:
+        DrapeError: there is at least one mistake.
+    """
+    problems: list[str] = list(_foreign_nodes(config, contents))
+    tree = _plain(config, "", problems)
+    problems += _walk(tree, "", supplied or {})
+    for node in read_by_config:
+        problems += _unread(config, node)
+    if problems:
+        raise DrapeError("\n".join(f"conf: {problem}" for problem in dict.fromkeys(problems)))
+
+
+def _foreign_nodes(config: DictConfig, contents: str) -> Iterator[str]:
+    known = contents_nodes(contents)
+    for name in config:
+        if name not in known:
+            yield f"{name}: conf/{contents}.yaml has no such node{did_you_mean(str(name), known)}"
+
+
+def contents_nodes(contents: str) -> set[str]:
+    """The top-level nodes that a contents page can have: its own keys and the groups of its defaults list."""
+    page = yaml.safe_load((CONF / f"{contents}.yaml").read_text(encoding="utf-8"))
+    nodes = set(page) - {"defaults"}
+    for entry in page.get("defaults", []):
+        if isinstance(entry, str):
+            nodes |= set() if entry == "_self_" else contents_nodes(entry)
+            continue
+        group = next(iter(entry)).split()[-1]
+        nodes.add(group.rpartition("@")[2].strip("/").split("/")[0].split(".")[0])
+    return nodes
+
+
+def _plain(node: Container, path: str, problems: list[str]) -> Any:
+    """``node`` as plain lists and dicts, UNKNOWN for values that come later; values without a value are reported."""
+    is_dict = isinstance(node, DictConfig)
+    plain = {}
+    for key in node if is_dict else range(len(node)):
+        where = f"{path}.{key}" if path else str(key)
+        plain[key] = UNKNOWN
+        if OmegaConf.is_missing(node, key):
+            problems.append(f"{where} is not set (???); give it a value: {where}=...")
+            continue
+        try:
+            value = node[key]
+        except OmegaConfBaseException as error:
+            if not _comes_later(error):
+                problems.append(_why_unresolved(where, error))
+            continue
+        plain[key] = _plain(value, where, problems) if isinstance(value, Container) else value
+    return plain if is_dict else list(plain.values())
+
+
+def _comes_later(error: BaseException) -> bool:
+    return any(isinstance(c, StatisticsUnknown) or "HydraConfig was not set" in str(c) for c in causes(error))
+
+
+def _why_unresolved(path: str, error: BaseException) -> str:
+    own = [str(cause).removeprefix("conf: ") for cause in causes(error) if isinstance(cause, DrapeError)]
+    return f"{path}: {own[0] if own else str(error).splitlines()[0]}"
+
+
+def _walk(tree: Any, path: str, supplied: Mapping[str, Collection[str]]) -> Iterator[str]:
+    if not isinstance(tree, dict | list):
+        return
+    members = tree.items() if isinstance(tree, dict) else enumerate(tree)
+    for key, value in members:
+        yield from _walk(value, f"{path}.{key}" if path else str(key), supplied)
+    if not path or not isinstance(tree, dict):
+        return
+    if "_target_" in tree:
+        yield from _call(tree, path, supplied.get(path, ()))
+        return
+    built = [key for key, value in tree.items() if isinstance(value, dict) and "_target_" in value]
+    for key, value in tree.items():
+        if built and isinstance(value, dict) and "_target_" not in value:
+            yield f"{path}.{key} has no _target_, as the others in {path} have{did_you_mean(str(key), built)}"
+
+
+def _call(values: Mapping[str, Any], path: str, supplied: Collection[str]) -> Iterator[str]:
+    target = values["_target_"]
+    built = locate(target)
+    if built is None:
+        yield f"{path}._target_: {why_not(target)}"
+        return
+    try:
+        parameters = inspect.signature(built).parameters.values()
+    except (ValueError, TypeError):  # built in, without a signature
+        return
+    names = [p.name for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    required = [p.name for p in parameters if p.name in names and p.default is p.empty]
+    given = [str(key) for key in values if key not in INSTRUCTIONS]
+    short = target.rpartition(".")[2]
+    hints = ""
+    for key in given:
+        if key not in names and not any(p.kind is p.VAR_KEYWORD for p in parameters):
+            hint = did_you_mean(key, names)
+            hints += hint
+            yield f"{path}.{key}: {short} has no argument {key!r}{hint}"
+    if not values.get("_partial_"):
+        for name in required[len(values.get("_args_") or ()) :]:
+            if name not in given and name not in supplied and f"mean {name!r}" not in hints:
+                yield f"{path}: {short} needs {name!r}; set {path}.{name}"
+    annotations = _annotations(built)
+    for key in given:
+        if key in names and not accepts(annotations.get(key, Any), values[key], locate):
+            yield f"{path}.{key}: found {_shown(values[key])}; {short} expects {_name(annotations[key])}"
+
+
+def _annotations(built: Any) -> dict[str, Any]:
+    try:
+        return typing.get_type_hints(built.__init__ if inspect.isclass(built) else built)
+    except (NameError, TypeError, AttributeError):  # names imported for the type checker only
+        return {}
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, dict) and "_target_" in value:
+        return str(value["_target_"])
+    if value == {}:
+        return "{} (an option that leaves its node out starts with the line '# @package _global_')"
+    return f"{value!r} ({type(value).__name__})"
+
+
+def _name(annotation: Any) -> str:
+    return annotation.__name__ if inspect.isclass(annotation) else str(annotation).replace("typing.", "")
+
+
+def _unread(config: DictConfig, node: str) -> Iterator[str]:
+    """Values below ``node`` that no ``${...}`` of the config mentions."""
+    strings = "\n".join(_strings(OmegaConf.to_container(config, resolve=False)))
+    known = set(re.findall(rf"\b{node}\.(\w+)", strings))
+    for key in config.get(node) or {}:
+        if key not in known:
+            yield f"{node}.{key}: nothing reads it{did_you_mean(str(key), known)}"
+
+
+def _strings(tree: Any) -> Iterator[str]:
+    if isinstance(tree, dict | list):
+        for value in tree.values() if isinstance(tree, dict) else tree:
+            yield from _strings(value)
+    elif isinstance(tree, str) and "${" in tree:
+        yield tree

@@ -1,0 +1,126 @@
+"""Entry points: Hydra's main with sentences instead of tracebacks, and building the objects of a config."""
+
+from __future__ import annotations
+
+import errno
+import functools
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException, InstantiationException
+from hydra.types import RunMode
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
+
+from drape.config.sentences import causes
+from drape.errors import DrapeError
+
+CONF = Path(__file__).parents[3] / "conf"
+"""The folder of the contents pages and their groups."""
+REFUSED = 2
+"""Exit status when the user can put it right."""
+INTERRUPTED = 130
+"""Exit status after Ctrl+C, as shells count it."""
+
+
+def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], None]]:
+    """Make a function of the config the entry point of the contents page ``conf/<config_name>.yaml``.
+
+    What a user can put right (see :func:`refusal`) becomes one sentence and exit status 2, Ctrl+C a sentence and 130;
+    all else keeps its traceback. In a multirun the other runs go on first.
+    """
+
+    def decorate(function: Callable[[DictConfig], Any]) -> Callable[[], None]:
+        @functools.wraps(function)
+        def task(config: DictConfig) -> Any:
+            try:
+                return function(config)
+            except Exception as error:
+                sentence = refusal(error)
+                if sentence is not None and HydraConfig.get().mode != RunMode.MULTIRUN:
+                    _stop(sentence)
+                if sentence is not None:
+                    _say(f"error: {sentence}; the other runs go on")
+                raise
+
+        @functools.wraps(function)
+        def run() -> None:
+            os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra hands its errors over instead of printing them itself
+            try:
+                hydra.main(version_base=None, config_path=str(CONF), config_name=config_name)(task)()
+            except (KeyboardInterrupt, SystemExit) as stop:
+                if not _interrupted(stop):
+                    raise
+                _say("interrupted")
+                sys.exit(INTERRUPTED)
+            except Exception as error:
+                sentence = refusal(error)
+                if sentence is None:
+                    raise
+                _stop(sentence)
+
+        return run
+
+    return decorate
+
+
+def refusal(error: BaseException) -> str | None:
+    """The sentence for the user; None where not the user is to blame but the program.
+
+    A :class:`DrapeError` anywhere among the causes, a config that Hydra cannot compose, a full disk.
+    """
+    for cause in causes(error):
+        if isinstance(cause, DrapeError):
+            return str(cause)
+        if isinstance(cause, HydraException) and not isinstance(cause, InstantiationException):
+            return _composition(cause)
+        full = isinstance(cause, OSError) and (cause.errno == errno.ENOSPC or "No space left" in str(cause))
+        if full or "PytorchStreamWriter failed writing" in str(cause):
+            return f"cannot write: {cause}; make space on the disk and run the same command again"
+    return None
+
+
+def _composition(error: HydraException) -> str:
+    own = [str(cause) for cause in causes(error) if isinstance(cause, (HydraException, OmegaConfBaseException))]
+    lines = [line.strip() for line in dict.fromkeys("\n".join(own).splitlines()) if line.strip()]
+    lines = [line for line in lines if not line.startswith(("full_key", "object_type"))]
+    if any("ablation/" in line for line in lines):
+        lines.append("this ablation does not fit the rest of the configuration; choose another, or ablation=none")
+    return "conf: " + "\n  ".join(lines)
+
+
+def _interrupted(stop: BaseException) -> bool:
+    """Ctrl+C, also where Lightning has turned it into ``exit(1)``."""
+    return any(isinstance(cause, KeyboardInterrupt) for cause in causes(stop))
+
+
+def _say(sentence: str) -> None:
+    print(sentence, file=sys.stderr, flush=True)
+
+
+def _stop(sentence: str) -> None:
+    _say(f"error: {sentence}")
+    sys.exit(REFUSED)
+
+
+def instantiate(node: DictConfig, **supplied: object) -> Any:
+    """Build the object of a ``_target_``, with plain lists and dicts as arguments and ``supplied`` added to them.
+
+    Raises:
+        DrapeError: a constructor refuses a value (ValueError); where, and the constructor's own sentence.
+    """
+    try:
+        return hydra.utils.instantiate(node, _convert_="all", **supplied)
+    except InstantiationException as error:
+        for cause in causes(error.__cause__):
+            if isinstance(cause, DrapeError):
+                raise cause from error
+            if isinstance(cause, ValueError):
+                where = str(error).rpartition("full_key: ")[2] if "full_key: " in str(error) else node.get("_target_")
+                raise DrapeError(f"conf: {where}: {cause}") from error
+        raise

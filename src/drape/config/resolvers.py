@@ -1,0 +1,52 @@
+"""What a config may ask for with ``${...}``: statistics of the data, and the options that this run has chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from omegaconf import OmegaConf
+
+from drape.config.sentences import did_you_mean
+from drape.errors import DrapeError
+
+
+class StatisticsUnknown(DrapeError):
+    """``${statistics:...}`` was read before the data were."""
+
+
+def set_statistics(values: Mapping[str, float] | None) -> None:
+    """Give ``${statistics:<name>}`` its values, numbers computed on the training split; None takes them back."""
+
+    def statistics(name: str) -> float:
+        if values is None:
+            raise StatisticsUnknown(f"conf: ${{statistics:{name}}} is read before the training data are")
+        if name not in values:
+            hint = did_you_mean(name, values)
+            raise DrapeError(f"conf: ${{statistics:{name}}}: the data have no such statistic{hint}")
+        return float(values[name])
+
+    OmegaConf.register_new_resolver("statistics", statistics, replace=True)
+
+
+def choices(group: str) -> list[str]:
+    """The options of a config group in the Hydra run at hand, one or several.
+
+    Hydra's own ``runtime.choices`` has no entry for a group given as a list, ``ablation=[a,b]``.
+    """
+    config = HydraConfig.get()
+    for override in reversed(OverridesParser.create().parse_overrides(list(config.overrides.task))):
+        if override.key_or_group == group and isinstance(override.value(), list):
+            return [str(name) for name in override.value()]
+    choice = OmegaConf.to_container(config.runtime.choices).get(group)
+    return [] if choice is None else [str(choice)]
+
+
+def chosen(group: str) -> str:
+    """``${joined:<group>}``: the options of a group joined by ``+`` in alphabetical order, for names of run folders."""
+    return "+".join(sorted(choices(group)))
+
+
+OmegaConf.register_new_resolver("joined", chosen, replace=True)
+set_statistics(None)

@@ -1,0 +1,122 @@
+"""Windows of a data set of trajectories for training and test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import lightning
+import numpy as np
+import torch
+
+from drape.data.hdf5 import TrajectoryFile
+from drape.data.loader import WindowLoader
+from drape.data.windows import Window
+from drape.errors import DrapeError
+from drape.scene.material import attribute_vector
+from drape.scene.mesh_batch import MeshBatch
+
+
+class TrajectoryDataModule(lightning.LightningDataModule):
+    """Triplets of consecutive frames from an HDF5 file; nothing but the current batch is ever in memory.
+
+    Args:
+        path: file written by ``generate.py``.
+        fabrics: names of the fabrics to use.
+        batch_size: windows in a training batch.
+        eval_batch_size: windows in a batch of validation and test.
+        attribute_scales: divisors of the five attributes of a fabric.
+        seed: of the order of the training windows.
+        train_sequences: use only the first so many training sequences; all by default.
+        validation_sequences: number of test sequences, evenly over the fabrics, that are watched while training. They
+            are watched only: the result of a training is its last step, never the best on them.
+
+    Raises:
+        DrapeError: file missing or faulty, a fabric that it does not have, a split without sequences or windows.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        fabrics: Sequence[str],
+        batch_size: int,
+        eval_batch_size: int,
+        attribute_scales: Mapping[str, float],
+        seed: int,
+        train_sequences: int | None = None,
+        validation_sequences: int = 16,
+    ):
+        super().__init__()
+        self.file = TrajectoryFile(Path(path))
+        self.fabrics = tuple(fabrics)
+        self.batch_size = batch_size
+        self.eval_batch_size = eval_batch_size
+        self.seed = seed
+        unknown = [name for name in self.fabrics if name not in self.file.fabrics]
+        if unknown:
+            raise DrapeError(f"{path}: no fabric {', '.join(unknown)}; it has {', '.join(self.file.fabrics)}")
+        if self.file.num_frames < 3:
+            raise DrapeError(f"{path}: {self.file.num_frames} frames a sequence; a window needs 3")
+        self._windows_per_sequence = self.file.num_frames - 2
+        self.train_sequences = self._sequences("train")[:train_sequences]
+        self.test_sequences = self._sequences("test")
+        self.validation_sequences = self.test_sequences[:validation_sequences]
+        materials = self.file.materials
+        vectors = [attribute_vector(materials[name], attribute_scales) for name in self.file.fabrics]
+        self._attributes = torch.tensor(vectors, dtype=torch.float64)
+        self._masses = torch.tensor([materials[name]["mass_per_vertex"] for name in self.file.fabrics]).double()
+        self._fabric_of_sequence = self.file.fabric
+        self._is_free = np.ones(self.file.mesh.num_vertices, dtype=bool)
+        self._is_free[self.file.pinned] = False
+        self._mesh_batch = lru_cache(maxsize=4)(lambda count: MeshBatch.from_meshes([self.file.mesh] * count))
+
+    def _sequences(self, split: str) -> np.ndarray:
+        wanted = [self.file.fabrics.index(name) for name in self.fabrics]
+        sequences = self.file.split(split)
+        sequences = sequences[np.isin(self.file.fabric[sequences], wanted)]
+        if len(sequences) == 0:
+            raise DrapeError(
+                f"{self.file.path}: split {split} has no sequence of {', '.join(self.fabrics)}; "
+                "generate more sequences or choose other fabrics"
+            )
+        return sequences
+
+    def windows(self, sequences: np.ndarray, indices: np.ndarray) -> Window:
+        """The windows of the given numbers, counted through ``sequences``, as one batch."""
+        which, starts = np.divmod(indices, self._windows_per_sequence)
+        numbers = sequences[which]
+        frames = [self.file.positions(int(n), int(s), int(s) + 3) for n, s in zip(numbers, starts, strict=True)]
+        x_prev, x, x_next = torch.from_numpy(np.concatenate(frames, axis=1)).double()
+        fabric = torch.from_numpy(self._fabric_of_sequence[numbers])
+        vertices = self.file.mesh.num_vertices
+        return Window(
+            mesh=self._mesh_batch(len(indices)),
+            x_prev=x_prev,
+            x=x,
+            x_next=x_next,
+            mass=self._masses[fabric].repeat_interleave(vertices),
+            free=torch.from_numpy(np.tile(self._is_free, len(indices))),
+            attributes=self._attributes[fabric],
+            fabric=fabric,
+            gravity=torch.from_numpy(self.file.gravity),
+            dt=float(self.file.dt),
+        )
+
+    def loader(self, sequences: np.ndarray, batch_size: int, **order: int) -> WindowLoader:
+        """All windows of ``sequences`` in batches; ``order`` as in :class:`WindowLoader`."""
+        count = len(sequences) * self._windows_per_sequence
+        return WindowLoader(lambda indices: self.windows(sequences, indices), count, batch_size, **order)
+
+    def _share(self) -> dict[str, int]:
+        trainer = self.trainer
+        return {} if trainer is None else {"rank": trainer.global_rank, "world_size": trainer.world_size}
+
+    def train_dataloader(self) -> WindowLoader:
+        return self.loader(self.train_sequences, self.batch_size, seed=self.seed, **self._share())
+
+    def val_dataloader(self) -> WindowLoader:
+        return self.loader(self.validation_sequences, self.eval_batch_size, **self._share())
+
+    def test_dataloader(self) -> WindowLoader:
+        return self.loader(self.test_sequences, self.eval_batch_size, **self._share())

@@ -1,0 +1,62 @@
+"""Batches of windows straight from the file, in an order that can be continued after an interruption."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from drape.data.windows import Window
+
+
+class WindowLoader:
+    """An iterable over batches of windows; ``build(indices)`` reads one batch.
+
+    With ``seed`` the order is a permutation that depends on the seed and the epoch only, and every iteration starts
+    the next epoch; without, it is the order of the file. ``state_dict`` says how far it is: Lightning stores it in
+    checkpoints, and a resumed training continues with the batch that would have come next. ``rank`` of
+    ``world_size`` processes takes every ``world_size``-th batch.
+    """
+
+    def __init__(
+        self,
+        build: Callable[[np.ndarray], Window],
+        num_windows: int,
+        batch_size: int,
+        *,
+        seed: int | None = None,
+        rank: int = 0,
+        world_size: int = 1,
+    ):
+        self._build = build
+        self._num_windows = num_windows
+        self._batch_size = batch_size
+        self._seed = seed
+        self._rank = rank
+        self._world_size = world_size
+        self._epoch = 0
+        self._next = 0
+
+    def __len__(self) -> int:
+        batches = -(-self._num_windows // self._batch_size)
+        if self._seed is None:
+            return len(range(self._rank, batches, self._world_size))
+        return self._num_windows // self._batch_size // self._world_size
+
+    def __iter__(self) -> Iterator[Window]:
+        order = np.arange(self._num_windows)
+        if self._seed is not None:
+            order = np.random.default_rng([self._seed, self._epoch]).permutation(self._num_windows)
+        while self._next < len(self):
+            batch = self._next * self._world_size + self._rank
+            self._next += 1
+            yield self._build(np.sort(order[batch * self._batch_size : (batch + 1) * self._batch_size]))
+        self._epoch, self._next = self._epoch + 1, 0
+
+    def state_dict(self) -> dict[str, int]:
+        """Epoch and number of batches given out in it."""
+        return {"epoch": self._epoch, "next": self._next}
+
+    def load_state_dict(self, state: dict[str, int]) -> None:
+        """Go on from where :meth:`state_dict` was taken."""
+        self._epoch, self._next = state["epoch"], state["next"]

@@ -1,0 +1,156 @@
+"""The HDF5 schema of a data set of trajectories in one table, and the check that writing and reading share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from drape.errors import DrapeError
+
+FORMAT = "drape trajectories"
+VERSION = 1
+SPLITS = ("train", "test")
+"""``split[i]`` is an index into this tuple."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One dataset. A dimension is a name (the same name has the same length everywhere) or a number."""
+
+    name: str
+    dims: tuple[str | int, ...]
+    dtype: str
+    unit: str
+    meaning: str
+
+
+FIELDS = (
+    Field("mesh/rest_positions", ("vertices", 3), "float32", "m", "flat rest shape"),
+    Field("mesh/faces", ("faces", 3), "int64", "1", "vertex indices, one winding for all faces"),
+    Field("mesh/pinned", ("pinned",), "int64", "1", "vertices that do not move"),
+    Field("positions", ("sequences", "frames", "vertices", 3), "float32", "m", "frame k is at time k * dt"),
+    Field("fabric", ("sequences",), "int64", "1", "index into the attribute fabrics"),
+    Field("split", ("sequences",), "int8", "1", "0 train, 1 test"),
+    Field("attempts", ("sequences",), "int64", "1", "1: the first random start was accepted"),
+)
+
+ATTRIBUTES = {
+    "format": repr(FORMAT),
+    "schema_version": str(VERSION),
+    "drape_version": "version of this package",
+    "blender_version": "version of bpy",
+    "seed": "sequence i, attempt k depends on (seed, i, k) only",
+    "fps": "frames per second [1/s]",
+    "dt": "time step 1 / fps [s]",
+    "gravity": "acceleration really applied, three numbers [m/s2]",
+    "up_axis": "'z'",
+    "fabrics": "names of the groups below materials/; the dataset fabric counts in this order",
+    "config": "the configuration that made the file, YAML",
+}
+
+MATERIAL_ATTRIBUTES = {
+    "preset": "name of Blender's preset file",
+    "mass_per_vertex": "[kg]",
+    "tension_stiffness": "Blender's number; in SI tension * fps² / mean edge length [N/m]",
+    "bending_stiffness": "Blender's number",
+    "tension_damping": "Blender's number",
+    "bending_damping": "Blender's number",
+    "air_damping": "Blender's number",
+    "quality": "solver steps per frame",
+}
+"""Attributes that every group materials/<fabric> has; it holds all other settings of the preset as well."""
+
+
+def plain(value: object) -> object:
+    """An HDF5 attribute as Python values."""
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def check_file(file: h5py.File, path: Path) -> None:
+    """Check every attribute, dataset and value; positions are read one sequence at a time.
+
+    Raises:
+        DrapeError: path, name, what was found, what was expected.
+    """
+    _check_attributes(file, path)
+    lengths: dict[str, int] = {}
+    for field in FIELDS:
+        _check_field(file, path, field, lengths)
+    _check_materials(file, path)
+    _check_indices(file, path, lengths["vertices"])
+    _check_positions(file["positions"], path)
+
+
+def _check_attributes(file: h5py.File, path: Path) -> None:
+    for name, expected in (("format", FORMAT), ("schema_version", VERSION)):
+        found = plain(file.attrs.get(name, "nothing"))
+        if found != expected:
+            raise DrapeError(
+                f"{path}: attribute {name}: found {found!r}; expected {expected!r}; this is no data set of this version, "
+                "make one with: python src/generate.py"
+            )
+    for name, meaning in ATTRIBUTES.items():
+        if name not in file.attrs:
+            raise DrapeError(f"{path}: attribute {name}: missing; expected {meaning}; generate the file again")
+    gravity, dt, fps = (np.asarray(file.attrs[name]) for name in ("gravity", "dt", "fps"))
+    if gravity.shape != (3,) or not np.isfinite(gravity).all():
+        raise DrapeError(f"{path}: attribute gravity: found {plain(gravity)}; expected three numbers [m/s2]")
+    if not (dt > 0 and fps > 0 and np.isclose(dt * fps, 1.0)):
+        raise DrapeError(f"{path}: attributes dt and fps: found {dt} s and {fps} 1/s; expected dt = 1 / fps > 0")
+
+
+def _check_field(file: h5py.File, path: Path, field: Field, lengths: dict[str, int]) -> None:
+    dataset = file.get(field.name)
+    dims = ", ".join(str(lengths.get(dim, dim)) for dim in field.dims)
+    expected = f"expected {field.dtype} of shape ({dims})"
+    if not isinstance(dataset, h5py.Dataset):
+        raise DrapeError(f"{path}: {field.name}: missing; {expected}; generate the file again")
+    shape = dataset.shape
+    fits = len(shape) == len(field.dims) and all(
+        length == (dim if isinstance(dim, int) else lengths.setdefault(dim, length))
+        for dim, length in zip(field.dims, shape, strict=True)
+    )
+    if not fits or dataset.dtype != np.dtype(field.dtype) or 0 in shape:
+        raise DrapeError(f"{path}: {field.name}: found {dataset.dtype} of shape {shape}; {expected}; generate the file again")
+    unit = plain(dataset.attrs.get("units", "nothing"))
+    if unit != field.unit:
+        raise DrapeError(f"{path}: {field.name}: attribute units: found {unit!r}; expected {field.unit!r}")
+
+
+def _check_materials(file: h5py.File, path: Path) -> None:
+    for fabric in plain(file.attrs["fabrics"]):
+        group = file.get(f"materials/{fabric}")
+        missing = [name for name in MATERIAL_ATTRIBUTES if group is None or name not in group.attrs]
+        if missing:
+            raise DrapeError(f"{path}: materials/{fabric}: missing {', '.join(missing)}; generate the file again")
+
+
+def _check_indices(file: h5py.File, path: Path, vertices: int) -> None:
+    fabrics = plain(file.attrs["fabrics"])
+    allowed = {
+        "fabric": (len(fabrics), f" ({', '.join(fabrics)})"),
+        "split": (len(SPLITS), f" ({', '.join(SPLITS)})"),
+        "mesh/pinned": (vertices, ""),
+        "mesh/faces": (vertices, ""),
+    }
+    for name, (stop, names) in allowed.items():
+        values = file[name][:]
+        bad = values[(values < 0) | (values >= stop)]
+        if len(bad):
+            where = int(np.argwhere(values == bad[0])[0][0])
+            raise DrapeError(f"{path}: {name}: entry {where}: found {bad[0]}; expected 0..{stop - 1}{names}")
+
+
+def _check_positions(positions: h5py.Dataset, path: Path) -> None:
+    for sequence in range(positions.shape[0]):
+        finite = np.isfinite(positions[sequence]).all(axis=(1, 2))
+        if not finite.all():
+            raise DrapeError(
+                f"{path}: positions: sequence {sequence}, frame {int(np.argmin(finite))}: found a number that is not "
+                "finite; expected positions in metres; generate the file again"
+            )

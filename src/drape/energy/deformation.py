@@ -1,0 +1,43 @@
+"""What an energy unit sees of the deformation of its edge."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from drape.scene.geometry import EdgeGeometry, subtract_angles
+
+
+class Deformation(nn.Module, ABC):
+    """Features of an edge that do not change when the cloth is moved or rotated; ``size`` of them."""
+
+    size: int
+
+    @abstractmethod
+    def forward(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges size"]:
+        """The features, Δl in metres first."""
+
+
+class Stretch(Deformation):
+    """Δl alone: an energy of these features has no gradient from bending (the paper's ablation, FACTS 11.9)."""
+
+    size = 1
+
+    def forward(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges 1"]:
+        return (geometry.length - geometry.mesh.rest_lengths)[..., None]
+
+
+class StretchBending(Deformation):
+    """(Δl, cos Δα, sin Δα, cos Δβ, sin Δβ) with Δl = l - l_rest [m] (paper, eq. 2)."""
+
+    size = 5
+
+    def forward(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges 5"]:
+        rest = geometry.mesh.rest
+        stretch = (geometry.length - geometry.mesh.rest_lengths)[..., None]
+        twist = subtract_angles(geometry.twist, rest.twist)
+        bend = subtract_angles(geometry.bend, rest.bend)
+        return torch.cat([stretch, twist, bend], -1)

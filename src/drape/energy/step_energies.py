@@ -1,0 +1,80 @@
+"""All that losses and metrics want to know of a learned energy over one window, computed once and when asked for."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from drape.data.windows import Window
+from drape.energy.eunet import EUNet
+from drape.energy.pullback import pullback
+from drape.scene.geometry import EdgeGeometry
+
+
+class StepEnergies:
+    """Energies and forces of ``energy`` for the step x → x_next of ``window``.
+
+    ``training``: keep the graph to the parameters of the forces as well (energies always have theirs).
+    """
+
+    def __init__(self, energy: EUNet, window: Window, *, training: bool):
+        self.energy = energy
+        self.window = window
+        self.training = training
+
+    @cached_property
+    def attributes(self) -> Float[Tensor, "edges attributes"]:
+        return self.window.edge_attributes
+
+    @cached_property
+    def current(self) -> EdgeGeometry:
+        """Geometry at t."""
+        return EdgeGeometry(self.window.x, self.window.mesh)
+
+    @cached_property
+    def _x_next(self) -> Float[Tensor, "vertices 3"]:
+        return self.window.x_next.detach().requires_grad_()
+
+    @cached_property
+    def _inputs_next(self) -> dict[str, Tensor]:
+        with torch.enable_grad():
+            return self.energy.inputs(EdgeGeometry(self._x_next, self.window.mesh), self.current, self.window.dt)
+
+    @cached_property
+    def _leaves(self) -> dict[str, Tensor]:
+        return {name: value.detach().requires_grad_() for name, value in self._inputs_next.items()}
+
+    @cached_property
+    def next(self) -> dict[str, Float[Tensor, " edges"]]:
+        """Energy of each edge at t+1 [J], by unit."""
+        with torch.enable_grad():
+            return self.energy.energies(self._leaves, self.attributes)
+
+    @cached_property
+    def potential(self) -> Float[Tensor, " edges"]:
+        """φp of each edge at t [J]."""
+        units = self.energy.potential
+        return units.energies(units.inputs(self.current), self.attributes)
+
+    @cached_property
+    def change(self) -> Float[Tensor, " meshes"]:
+        """ΔV_Φ = Φp(t+1) + Φd(t+1) - Φp(t) of each mesh [J] (paper, eq. 7), differenced edge by edge."""
+        return self.window.mesh.sum_edges(sum(self.next.values()) - self.potential)
+
+    @cached_property
+    def gradient(self) -> Float[Tensor, "vertices 3"]:
+        """∂Φ/∂x at t+1 [N], minus the internal and damping force on each vertex."""
+        with torch.enable_grad():
+            total = sum(energy.sum() for energy in self.next.values())
+            leaves = list(self._leaves.values())
+            slopes = torch.autograd.grad(total, leaves, create_graph=self.training, retain_graph=True)
+            return pullback(list(self._inputs_next.values()), self._x_next, slopes)
+
+    @cached_property
+    def force_residual(self) -> Float[Tensor, "vertices 3"]:
+        """``m a - m g + ∂Φ/∂x`` at t+1 [N]: zero where the energy explains the motion (paper, eq. 8); 0 at pins."""
+        residual = self.window.inertial_force + self.gradient
+        return residual * self.window.free[:, None]

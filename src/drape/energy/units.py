@@ -1,0 +1,44 @@
+"""The two families of energy units that EUNet sums over the edges of a cloth."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from drape.scene.geometry import EdgeGeometry
+
+
+class PotentialUnits(nn.Module, ABC):
+    """φp: energy stored in the deformation of an edge; evaluated in two steps, geometry and network.
+
+    ``inputs`` is all that depends on the positions; ``energies`` all that depends on the parameters. Forces for
+    training are taken through the small inputs, which is several times cheaper than through the positions.
+    """
+
+    @abstractmethod
+    def inputs(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges inputs"]:
+        """Dimensionless inputs of the units, float64."""
+
+    @abstractmethod
+    def energies(
+        self, inputs: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]
+    ) -> Float[Tensor, " edges"]:
+        """Energy of each edge [J], float64."""
+
+
+class DissipationUnits(nn.Module, ABC):
+    """φd: energy that the motion of an edge over one step loses, as a potential of the step."""
+
+    @abstractmethod
+    def inputs(
+        self, geometry: EdgeGeometry, previous: EdgeGeometry, dt: float
+    ) -> Float[Tensor, "... edges inputs"]:
+        """Inputs of the units for the step from ``previous`` to ``geometry`` of ``dt`` seconds, float64."""
+
+    @abstractmethod
+    def energies(
+        self, inputs: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]
+    ) -> Float[Tensor, " edges"]:
+        """Energy that each edge loses in the step [J], float64."""

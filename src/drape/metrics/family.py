@@ -1,0 +1,42 @@
+"""All metrics of a learned energy, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from torchmetrics import MetricCollection
+
+from drape.energy.mass_spring import MassSpringLaw
+from drape.metrics.contrastive import ContrastiveViolations, VertexInequalities
+from drape.metrics.energy_error import EnergyError
+from drape.metrics.force import ForceResidual, InertialForce, MassSpringResidual
+from drape.metrics.rest_state import RestState
+from drape.metrics.stiffness import StretchStiffness
+
+
+def energy_metrics(
+    fabrics: Sequence[str],
+    *,
+    contrastive: VertexInequalities | None = None,
+    tension: Mapping[str, float] | None = None,
+    law: MassSpringLaw | None = None,
+) -> MetricCollection:
+    """The metrics of an energy; ``compute()`` gives one flat dictionary ``quantity_unit/fabric`` -> number.
+
+    Always: ``energy_error``, ``force_residual``, ``inertial_force`` and ``rest_state``. ``violations`` needs the
+    contrastive loss whose inequalities are counted, ``stretch_stiffness`` Blender's tension stiffness of each fabric,
+    ``mass_spring`` the fitted law; what is not given is not measured.
+    """
+    metrics = {
+        "energy_error": EnergyError(fabrics),
+        "force_residual": ForceResidual(fabrics),
+        "inertial_force": InertialForce(fabrics),
+        "rest_state": RestState(fabrics),
+    }
+    if contrastive is not None:
+        metrics["violations"] = ContrastiveViolations(fabrics, contrastive)
+    if tension is not None:
+        metrics["stretch_stiffness"] = StretchStiffness(fabrics, tension)
+    if law is not None:
+        metrics["mass_spring"] = MassSpringResidual(fabrics, law)
+    return MetricCollection(metrics, compute_groups=False)

@@ -1,0 +1,68 @@
+"""How well an energy explains the motion of each vertex, beside no energy at all and beside a mass-spring law."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+
+from jaxtyping import Float
+from torch import Tensor
+
+from drape.energy.mass_spring import MassSpringLaw
+from drape.energy.step_energies import StepEnergies
+from drape.metrics.fabric_metric import FabricMetric
+
+
+class MeanForce(FabricMetric):
+    """Mean over free vertices and frames of the size of a force [N]."""
+
+    key: str
+
+    def __init__(self, fabrics: Sequence[str]):
+        super().__init__(fabrics)
+        self.add_sum("count")
+        self.add_sum("total")
+
+    @abstractmethod
+    def force(self, step: StepEnergies) -> Float[Tensor, "vertices 3"]:
+        """The force on each vertex [N]; pinned vertices do not matter."""
+
+    def update(self, step: StepEnergies) -> None:
+        window = step.window
+        size = self.force(step).detach().norm(dim=-1) * window.free
+        self.count += self.per_fabric(window, window.mesh.sum_vertices(window.free.double()))
+        self.total += self.per_fabric(window, window.mesh.sum_vertices(size))
+
+    def compute(self) -> dict[str, float]:
+        return self.means(self.key, self.total, self.count)
+
+
+class ForceResidual(MeanForce):
+    """``|m a - m g + ∂Φ/∂x|`` [N]: what the energy leaves unexplained of the equation of motion (paper, eq. 8)."""
+
+    key = "force_residual_N"
+
+    def force(self, step: StepEnergies) -> Float[Tensor, "vertices 3"]:
+        return step.force_residual
+
+
+class InertialForce(MeanForce):
+    """``|m a - m g|`` [N]: the force residual of predicting no internal force, the row "nothing" (FINDINGS 2)."""
+
+    key = "inertial_force_N"
+
+    def force(self, step: StepEnergies) -> Float[Tensor, "vertices 3"]:
+        return step.window.inertial_force
+
+
+class MassSpringResidual(MeanForce):
+    """The force residual [N] of a mass-spring law fitted on the same training data (FINDINGS 2)."""
+
+    key = "mass_spring_residual_N"
+
+    def __init__(self, fabrics: Sequence[str], law: MassSpringLaw):
+        super().__init__(fabrics)
+        self.law = law
+
+    def force(self, step: StepEnergies) -> Float[Tensor, "vertices 3"]:
+        return self.law.force_residual(step.window)

@@ -1,0 +1,51 @@
+"""Multi-layer perceptrons in the shapes that EUNet uses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+
+def feed_forward(sizes: Sequence[int], *, bias: bool = True, last_activation: bool = False) -> nn.Sequential:
+    """Linear layers of the given sizes with SiLU between them, and after the last one if asked."""
+    layers: list[nn.Module] = []
+    for size_in, size_out in zip(sizes[:-1], sizes[1:], strict=True):
+        layers += [nn.Linear(size_in, size_out, bias=bias), nn.SiLU()]
+    return nn.Sequential(*(layers if last_activation else layers[:-1]))
+
+
+class ResidualBlock(nn.Module):
+    """Pre-norm residual block: ``e + FFN(LayerNorm(e))``, each fully connected layer followed by SiLU."""
+
+    def __init__(self, width: int, layers: int):
+        super().__init__()
+        self.norm = nn.LayerNorm(width)
+        self.layers = feed_forward([width] * (layers + 1), last_activation=True)
+
+    def forward(self, e: Float[Tensor, "... width"]) -> Float[Tensor, "... width"]:
+        return e + self.layers(self.norm(e))
+
+
+class EnergyNet(nn.Module):
+    """EUNet's network: encoder of three layers, residual blocks, LayerNorm, head ``width, width/2, width/4, size_out``.
+
+    Paper, section 4.1: four blocks of two fully connected layers, width 128; activations, encoder and head from the
+    official configuration (FACTS 1.4), whose blocks have three layers. ``bias=False`` leaves the biases out of encoder
+    and head, as for the dissipation units.
+    """
+
+    def __init__(
+        self, size_in: int, size_out: int = 1, *, width: int, blocks: int, layers_per_block: int, bias: bool = True
+    ):
+        super().__init__()
+        self.encoder = feed_forward([size_in, width, width, width], bias=bias, last_activation=True)
+        self.blocks = nn.Sequential(*(ResidualBlock(width, layers_per_block) for _ in range(blocks)))
+        self.norm = nn.LayerNorm(width)
+        self.head = feed_forward([width, width // 2, width // 4, size_out], bias=bias)
+
+    def forward(self, features: Float[Tensor, "... size_in"]) -> Float[Tensor, "... size_out"]:
+        """Cast to the precision of the parameters, then apply."""
+        features = features.to(self.norm.weight.dtype)
+        return self.head(self.norm(self.blocks(self.encoder(features))))

@@ -1,0 +1,74 @@
+"""A few sequences of a data set at a glance, as one PNG."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.collections import PolyCollection
+
+from drape.data.hdf5 import TrajectoryFile
+
+FRAMES = 6
+PER_FABRIC = 2
+COLOURS = ("#c98bb9", "#a9744f", "#4f74b3", "#d9b44a", "#6aa786", "#8d8d8d")
+LIGHT = np.array([-0.40, 0.58, 0.71])
+"""Direction of the light: right, up, towards the viewer."""
+AZIMUTH, ELEVATION = np.radians(35.0), np.radians(18.0)
+"""Direction of view: turned about the vertical from the y axis, and from above."""
+
+
+def draw_contact_sheet(file: TrajectoryFile, path: Path) -> Path:
+    """Draw the first sequences of each fabric, one a row, at evenly spaced times; returns ``path``.
+
+    Orthographic, the same scale and place within a row; dots are pins, the back of the cloth is darker.
+    """
+    rows = [s for index in range(len(file.fabrics)) for s in np.flatnonzero(file.fabric == index)[:PER_FABRIC]]
+    frames = np.unique(np.linspace(0, file.num_frames - 1, FRAMES).round().astype(int))
+    figure, axes = plt.subplots(
+        len(rows), len(frames), figsize=(1.9 * len(frames), 1.9 * len(rows)), squeeze=False, layout="constrained"
+    )
+    for line, sequence in zip(axes, rows, strict=True):
+        positions = file.positions(int(sequence))
+        screen = positions.astype(np.float64) @ _view()
+        centre = 0.5 * (screen.min((0, 1)) + screen.max((0, 1)))[:2]
+        half = 0.53 * float(np.ptp(screen, axis=(0, 1))[:2].max())
+        fabric = int(file.fabric[sequence])
+        for axis, frame in zip(line, frames, strict=True):
+            _draw(axis, screen[frame], file, COLOURS[fabric % len(COLOURS)])
+            axis.set(xlim=(centre[0] - half, centre[0] + half), ylim=(centre[1] - half, centre[1] + half), aspect="equal")
+            axis.set(xticks=[], yticks=[])
+            axis.spines[:].set_color("#dddddd")
+        line[0].set_ylabel(f"{file.fabrics[fabric]} (no. {sequence})", fontsize=8)
+    for axis, frame in zip(axes[0], frames, strict=True):
+        axis.set_title(f"{frame * file.dt:.2f} s", fontsize=8)
+    figure.savefig(path, dpi=90)
+    plt.close(figure)
+    return path
+
+
+def _view() -> Float[np.ndarray, "3 3"]:
+    """Columns: to the right, up, and towards the viewer."""
+    cos, sin = np.cos(AZIMUTH), np.sin(AZIMUTH)
+    right = np.array([cos, sin, 0.0])
+    viewer = np.array([sin * np.cos(ELEVATION), -cos * np.cos(ELEVATION), np.sin(ELEVATION)])
+    return np.stack([right, np.cross(viewer, right), viewer], axis=1)
+
+
+def _draw(axis: plt.Axes, screen: np.ndarray, file: TrajectoryFile, colour: str) -> None:
+    """Triangles from back to front, shaded by the angle to the light."""
+    triangles = screen[file.mesh.faces]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12
+    shade = (0.35 + 0.65 * np.abs(normals @ LIGHT)) * np.where(normals[:, 2] > 0, 1.0, 0.72)
+    base = np.array(matplotlib.colors.to_rgb(colour))
+    order = np.argsort(triangles[:, :, 2].mean(axis=1))
+    colours = np.clip(shade[:, None] * base, 0.0, 1.0)[order]
+    axis.add_collection(PolyCollection(triangles[order, :, :2], facecolors=colours, edgecolors=colours, linewidths=0.3))
+    axis.scatter(*screen[file.pinned, :2].T, s=6, color="black", zorder=3)

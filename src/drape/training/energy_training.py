@@ -1,0 +1,105 @@
+"""Learn an energy from trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import lightning
+import torch
+from torch import Tensor, nn
+from torchmetrics import MetricCollection
+
+from drape.data.windows import Window
+from drape.energy.eunet import EUNet
+from drape.energy.step_energies import StepEnergies
+from drape.errors import DrapeError
+from drape.loss.term import LossTerm
+from drape.training.schedule import Schedule
+
+
+class EnergyTraining(lightning.LightningModule):
+    """Minimises ``Σ weight · term`` over the parameters of ``energy``; wiring only.
+
+    Args:
+        energy: the energy to learn.
+        loss: terms by name; the names are the log keys ``train/loss/<name>``.
+        optimizer: makes the optimiser from the parameters.
+        schedule: learning rate over the progress of the training.
+        metrics: for validation and test, logged as ``val/...`` and ``test/...``.
+        seed: random disturbances depend on it and on the number of the step only.
+
+    Raises:
+        DrapeError: no loss term, or a term that is not finite (the term and the step are named).
+    """
+
+    def __init__(
+        self,
+        energy: EUNet,
+        loss: Mapping[str, LossTerm],
+        optimizer: Callable[..., torch.optim.Optimizer],
+        schedule: Schedule,
+        metrics: MetricCollection,
+        seed: int,
+    ):
+        super().__init__()
+        if not loss:
+            raise DrapeError("loss: no term is left to train on; choose one, for example loss/energy_balance=squared")
+        self.energy = energy
+        self.loss = nn.ModuleDict(loss)
+        self.val_metrics = metrics.clone()
+        self.test_metrics = metrics.clone()
+        self._make_optimizer = optimizer
+        self._schedule = schedule
+        self._seed = seed
+
+    def on_train_batch_start(self, batch: Window, batch_idx: int) -> None:
+        """Seed the disturbances, so that a resumed training draws what the uninterrupted one would."""
+        torch.manual_seed((self._seed * 1_000_003 + self.global_step) * 64 + self.global_rank)
+
+    def training_step(self, window: Window, batch_idx: int) -> Tensor:
+        """The weighted sum of the loss terms of one window."""
+        step = StepEnergies(self.energy, window, training=True)
+        values = {name: term(step) for name, term in self.loss.items()}
+        for name, value in values.items():
+            if not torch.isfinite(value):
+                raise DrapeError(
+                    f"training stopped at step {self.global_step}: loss term {name} is {float(value)}; the last "
+                    "checkpoint is from before; lower the learning rate or look at the data"
+                )
+        total = sum(self.loss[name].weight * value for name, value in values.items())
+        logged = {f"train/loss/{name}": value.detach() for name, value in values.items()}
+        self.log_dict(logged | {"train/loss/total": total.detach()}, batch_size=window.mesh.num_meshes)
+        return total
+
+    def validation_step(self, window: Window, batch_idx: int) -> None:
+        """Update the metrics."""
+        self._evaluate(window, self.val_metrics)
+
+    def test_step(self, window: Window, batch_idx: int) -> None:
+        """Update the metrics."""
+        self._evaluate(window, self.test_metrics)
+
+    def on_validation_epoch_end(self) -> None:
+        """Log the metrics."""
+        self._report("val", self.val_metrics)
+
+    def on_test_epoch_end(self) -> None:
+        """Log the metrics."""
+        self._report("test", self.test_metrics)
+
+    def _evaluate(self, window: Window, metrics: MetricCollection) -> None:
+        step = StepEnergies(self.energy, window, training=False)
+        for metric in metrics.values():
+            metric.update(step)
+
+    def _report(self, stage: str, metrics: MetricCollection) -> None:
+        for metric in metrics.values():
+            self.log_dict({f"{stage}/{name}": value for name, value in metric.compute().items()})
+            metric.reset()
+
+    def configure_optimizers(self) -> dict:
+        """The optimiser, and the schedule stepped with every batch."""
+        optimizer = self._make_optimizer(self.energy.parameters())
+        total = self.trainer.estimated_stepping_batches
+        scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: self._schedule(step / total))
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}

@@ -1,0 +1,42 @@
+"""Small cloths for all tests, float64 throughout, and the same random numbers every time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from drape.scene.grid import square_grid
+from drape.scene.mesh import ClothMesh
+from drape.scene.mesh_batch import MeshBatch
+
+
+@pytest.fixture(autouse=True)
+def _seeds() -> None:
+    """Every test starts from the same random numbers."""
+    torch.manual_seed(0)
+    np.random.seed(0)  # noqa: NPY002
+
+
+@pytest.fixture(scope="session")
+def cloth() -> ClothMesh:
+    """A square of 1 m, 8 x 8 vertices."""
+    return square_grid(1.0, 8)
+
+
+@pytest.fixture(scope="session")
+def small_cloth() -> ClothMesh:
+    """A square of 1 m, 3 x 3 vertices: small enough for numerical second derivatives."""
+    return square_grid(1.0, 3)
+
+
+@pytest.fixture(scope="session")
+def cloth_batch(cloth: ClothMesh) -> MeshBatch:
+    """The 8 x 8 cloth alone."""
+    return MeshBatch.from_meshes([cloth])
+
+
+def bent(rest: torch.Tensor, amount: float = 0.3) -> torch.Tensor:
+    """Smoothly bent, stretched and twisted positions: no angle and no length change is zero."""
+    x, y, _ = rest.unbind(-1)
+    return torch.stack([1.1 * x + 0.05 * y * x, y + 0.1 * x**2, amount * (x + 0.7 * y**2 + torch.sin(3 * x * y))], -1)
