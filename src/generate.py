@@ -17,12 +17,13 @@ def main(config: DictConfig) -> None:
     settings = OmegaConf.to_container(config, resolve=True)
     began = time.perf_counter()
     file, made = generate(settings["data"], settings["material"], settings["workers"])
+    seconds = time.perf_counter() - began
     print(dataset_card(file))
-    if made:
-        print(f"generated in {time.perf_counter() - began:.0f} s")
-    else:
-        print(f"{file.path} was already there with this configuration; nothing was simulated")
-    print(f"contact sheet: {draw_contact_sheet(file, file.path.with_suffix('.png'))}")
+    print(f"simulated in {seconds:.0f} s" if made else "was already there with this configuration: nothing to simulate")
+    sheet = file.path.with_suffix(".png")
+    if made or not sheet.exists():
+        draw_contact_sheet(file, sheet)
+    print(f"contact sheet: {sheet}")
 
 
 if __name__ == "__main__":

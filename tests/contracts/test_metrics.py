@@ -40,7 +40,8 @@ class Drag(DissipationUnits):
         return (geometry.midpoint - previous.midpoint) / dt
 
     def energies(self, inputs, attributes):
-        return 1e-3 * (1.0 + attributes[:, 0]) * inputs.square().sum(-1)
+        potential = 1e-3 * (1.0 + attributes[:, 0]) * inputs.square().sum(-1)
+        return potential, 2.0 * potential
 
 
 class Alternating:

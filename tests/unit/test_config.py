@@ -49,9 +49,8 @@ class Net:
 
 PAGES = {
     "app.yaml": """
-        defaults: [model: two_parts, loss: all, ablation: none, _self_,
+        defaults: [model: two_parts, loss: all, scale: small, ablation: none, _self_,
                    {override hydra/job_logging: none}, {override hydra/hydra_logging: none}]
-        scale: {width: 8}
         seed: 0
         hydra: {run: {dir: "RUNS/${joined:ablation}"}, sweep: {dir: RUNS, subdir: "${joined:ablation}"}}
     """,
@@ -63,6 +62,7 @@ PAGES = {
     "model/one_part.yaml": "{_target_: HERE.Net, width: 8}",
     "model/dissipation/speed.yaml": "{_target_: HERE.Speed, sigma: 1.0}",
     "model/dissipation/zero.yaml": "# @package _global_",
+    "scale/small.yaml": "width: 8",
     "loss/all.yaml": "balance: {_target_: HERE.Speed}",
     "ablation/none.yaml": "# @package _global_",
     "ablation/no_dissipation.yaml": "# @package _global_\ndefaults: [{override /model/dissipation: zero}]",
@@ -179,10 +179,10 @@ class TestCheck:
         loss = {"balance": {"_target_": f"{HERE}.Speed"}, "balanc": {"sigma": 2.0}}
         assert "loss.balanc has no _target_" in problems({"width": 3}, loss=loss)
 
-    def test_a_value_that_nothing_reads(self):
-        config = OmegaConf.create({"seed": "${scale.width}", "scale": {"width": 8, "widht": 16}})
-        with pytest.raises(DrapeError, match=r"scale\.widht: nothing reads it; did you mean 'width'"):
-            check_config(config, contents="app", read_by_config=["scale"])
+    def test_a_value_that_no_option_of_its_group_has(self):
+        config = OmegaConf.create({"scale": {"width": 8, "widht": 16}})
+        with pytest.raises(DrapeError, match=r"scale\.widht: no option of conf/scale/ has it; did you mean 'width'"):
+            check_config(config, contents="app")
 
     def test_all_mistakes_are_told_at_once(self):
         assert len(problems({"widht": 3, "rate": "fast", "name": "???"}, sede=1).splitlines()) == 4
@@ -238,9 +238,10 @@ class TestEntryPoint:
     @pytest.mark.parametrize(
         ("override", "told"),
         [
-            ("model.widht=3", "Key 'widht' is not in struct"),
+            ("model.widht=3", "Key 'widht' is not in struct; did you mean 'width'?"),
             ("model=tow_parts", "Available options in 'model':"),
-            ("sede=3", "Key 'sede' is not in struct"),
+            ("sede=3", "Key 'sede' is not in struct; did you mean 'seed'?"),
+            ("modle=one_part", "did you mean 'model'?"),
         ],
     )
     def test_a_mistake_on_the_command_line(self, run, capsys, override, told):

@@ -99,6 +99,20 @@ def test_a_stretched_edge_is_pulled_together():
     assert force[corner].tolist() == pytest.approx([100 * 0.02, -100 * 0.02, 0.0], rel=1e-5)
 
 
+def test_drag_is_against_the_motion():
+    moving = window([0])
+    only_drag = torch.zeros(1, len(COEFFICIENTS), dtype=torch.float64)
+    only_drag[0, -1] = 2.0
+    torch.testing.assert_close(MassSpringLaw(only_drag)(moving), -2.0 * moving.v_next)
+
+
+def test_pinned_vertices_do_not_enter_the_fit():
+    windows = [obeying(MassSpringLaw(TRUE), window([0, 1], seed)) for seed in range(4)]
+    held = [replace(w, x_prev=torch.where(w.free[:, None], w.x_prev, w.x_prev + 1.0)) for w in windows]
+    torch.testing.assert_close(MassSpringLaw.fit(held, 2).coefficients, TRUE, rtol=1e-6, atol=1e-6)
+    assert not MassSpringLaw(TRUE).force_residual(held[0])[~held[0].free].any()
+
+
 def test_springs_of_the_grid():
     springs = springs_of(MeshBatch.from_meshes([square_grid(1.0, 22)]))
     assert torch.bincount(springs.group).tolist() == [2 * 22 * 21, 21 * 21, 1281]

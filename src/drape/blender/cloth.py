@@ -16,7 +16,7 @@ def simulate(
     rest_positions: Float[np.ndarray, "vertices 3"],
     faces: Int[np.ndarray, "faces 3"],
     pinned: Int[np.ndarray, " pinned"],
-    settings: Mapping[str, float | bool | str],
+    settings: Mapping[str, float | int | str],
     start: Float[np.ndarray, "vertices 3"],
     acceleration: Float[np.ndarray, "steps 3"],
     fps: float,

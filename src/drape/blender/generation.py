@@ -16,7 +16,8 @@ from tqdm import tqdm
 from drape.blender.plan import make_plan, make_request, refuse_difference
 from drape.blender.sequence import cloth_mesh, fabric_of, load_part, part_path, split_of
 from drape.blender.workers import run_workers
-from drape.data.hdf5 import DatasetHeader, StoredSequence, TrajectoryFile, write_trajectories
+from drape.data.hdf5 import TrajectoryFile
+from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
 from drape.errors import DrapeError
 
 
@@ -35,7 +36,7 @@ def generate(data: Mapping, material: Mapping, workers: int | str) -> tuple[Traj
     parts = path.with_name(path.name + ".parts")
     if path.exists():
         file = TrajectoryFile(path)
-        made = yaml.safe_load(file.attribute("config"))
+        made = yaml.safe_load(file.attribute("config")) or {}
         refuse_difference({key: made.get(key, {}) for key in request}, request, path)
         shutil.rmtree(parts, ignore_errors=True)
         return file, False

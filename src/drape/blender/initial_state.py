@@ -51,7 +51,7 @@ def random_state(
     turning = min(ranges["turning"], ranges["stiff_turning"] / np.sqrt(max(bending_stiffness, 1e-9)))
     bent = _bend(rest_positions.astype(np.float64), np.radians(turning), ranges["curvature"] / size, rng)
     swing = np.radians(rng.uniform(*ranges["swing"]))
-    positions = _hang(bent, rest_positions, pinned, swing)
+    positions = _hang(bent, pinned, swing)
     direction = rng.normal(size=3)
     push = rng.uniform(0.0, ranges["push"]) * direction / np.linalg.norm(direction)
     low, high = ranges["preroll"]
@@ -69,7 +69,9 @@ def _bend(rest: np.ndarray, turning: float, largest: float, rng: np.random.Gener
     waves = np.arange(WAVES)
     curvature = (amplitude[:, None] * np.cos(waves[:, None] * phase + shift[:, None])).sum(axis=0)
     curvature *= turning * rng.uniform() / _integral(np.abs(curvature), u)[-1]
-    curvature *= min(1.0, largest / np.abs(curvature).max())
+    peak = np.abs(curvature).max()
+    if peak > largest:
+        curvature *= largest / peak
     slope = _integral(curvature, u)
     profile = np.stack([_integral(np.cos(slope), u), _integral(np.sin(slope), u)])
     where = [np.interp(offset, u, values) for values in profile]
@@ -81,7 +83,7 @@ def _integral(values: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _hang(positions: np.ndarray, rest: np.ndarray, pinned: np.ndarray, swing: float) -> np.ndarray:
+def _hang(positions: np.ndarray, pinned: np.ndarray, swing: float) -> np.ndarray:
     """Put the line between the first and the last pin on the x axis and turn the sheet about it.
 
     At ``swing`` 0 the centre of the sheet is straight below that line.
@@ -94,6 +96,4 @@ def _hang(positions: np.ndarray, rest: np.ndarray, pinned: np.ndarray, swing: fl
     down /= np.linalg.norm(down)
     local = centred @ np.stack([x, np.cross(down, x), down], axis=1)
     cos, sin = np.cos(swing), np.sin(swing)
-    return np.stack(
-        [local[:, 0], cos * local[:, 1] + sin * local[:, 2], sin * local[:, 1] - cos * local[:, 2]], axis=1
-    )
+    return np.stack([local[:, 0], cos * local[:, 1] + sin * local[:, 2], sin * local[:, 1] - cos * local[:, 2]], axis=1)

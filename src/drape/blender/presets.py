@@ -12,7 +12,7 @@ from pathlib import Path
 
 from drape.errors import DrapeError
 
-Settings = dict[str, "float | bool | str"]
+Settings = dict[str, "float | int | str"]
 
 _ASSIGNMENT = re.compile(r"^bpy\.context\.cloth\.settings\.(\w+)\s*=\s*(.+?)\s*$")
 DEFAULTS: Settings = {"bending_damping": 0.5, "bending_model": "ANGULAR", "pin_stiffness": 1.0, "time_scale": 1.0}
@@ -70,7 +70,7 @@ def read_preset(name: str, directory: Path | None = None) -> Settings:
     return settings
 
 
-def fabric_settings(fabric: str, preset: str, overrides: Mapping[str, float | bool | str]) -> Settings:
+def fabric_settings(fabric: str, preset: str, overrides: Mapping[str, float | int | str]) -> Settings:
     """A preset with single values replaced, and its name under ``preset``.
 
     Raises:

@@ -35,9 +35,7 @@ def split_of(index: int, counts: Mapping[str, int]) -> int:
     return int(index >= counts["train"])
 
 
-def make_sequence(
-    index: int, plan: Mapping, simulate: Simulate
-) -> tuple[Float[np.ndarray, "frames vertices 3"], int]:
+def make_sequence(index: int, plan: Mapping, simulate: Simulate) -> tuple[Float[np.ndarray, "frames vertices 3"], int]:
     """Positions [m] of sequence ``index`` of a plan, and the number of attempts that it took.
 
     Attempt k = 1, 2, ... draws from ``numpy.random.default_rng([seed, index, k])`` and from nothing else, so the

@@ -1,7 +1,7 @@
 """A process that simulates sequences: ``python -m drape.blender.worker <parts>``.
 
 It reads sequence numbers from standard input, one a line, stores each finished sequence below ``<parts>`` and answers
-with one JSON line ``{"index": i, "attempts": k}`` or ``{"index": i, "error": "..."}``. It ends with its input, so it
+with one JSON line: ``index`` and ``attempts``, or ``index``, ``error`` and ``errno``. It ends with its input, so it
 never outlives the generator by more than one sequence. bpy and numpy only; no torch.
 """
 
@@ -31,7 +31,7 @@ def main(parts: Path) -> None:
             save_part(parts, index, positions, attempts)
             answer = {"index": index, "attempts": attempts}
         except (DrapeError, OSError) as error:
-            answer = {"index": index, "error": str(error)}
+            answer = {"index": index, "error": str(error), "errno": getattr(error, "errno", None)}
         try:
             print(json.dumps(answer), file=answers)
         except BrokenPipeError:

@@ -14,7 +14,6 @@ from pathlib import Path
 import drape
 from drape.errors import DrapeError
 
-
 PATIENCE = 20.0
 """Seconds that a worker has to end by itself."""
 
@@ -46,25 +45,32 @@ class Worker:
         """The number of attempts that the sequence took.
 
         Raises:
-            DrapeError: the sequence could not be made or stored, or the process died.
+            DrapeError: the sequence could not be made, or the process died.
+            OSError: it could not be stored.
         """
         line = self.process.stdout.readline()
         if not line:
             code = self.process.wait()
             tail = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-3:]
             raise DrapeError(
-                f"sequence {self.index}: its Blender process died (exit status {code}): {' | '.join(tail) or 'no output'}"
+                f"sequence {self.index}: its Blender process died (exit status {code}): "
+                f"{' | '.join(tail) or 'no output'}; finished sequences are kept, the same command goes on"
             )
         answer = json.loads(line)
+        if answer.get("errno") is not None:
+            raise OSError(answer["errno"], os.strerror(answer["errno"]))
         if "error" in answer:
             raise DrapeError(f"sequence {answer['index']}: {answer['error']}")
         return answer["attempts"]
 
-    def close(self) -> None:
-        """End the process: it stops by itself after the sequence in flight, and Blender removes its temporary files."""
+    def stop(self) -> None:
+        """Ask the process to end after the sequence in flight, so that Blender removes its temporary files."""
         with contextlib.suppress(BrokenPipeError):
             self.process.stdin.close()
         self.process.stdout.close()
+
+    def join(self) -> None:
+        """Wait for the end; kill where it does not come."""
         try:
             self.process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
@@ -76,7 +82,7 @@ def run_workers(parts: Path, indices: Iterable[int], count: int) -> Iterator[tup
     """Simulate the sequences ``indices`` in ``count`` processes; yields (index, attempts) in order of completion.
 
     Raises:
-        DrapeError: see :meth:`Worker.answer`; the finished sequences stay in ``parts``.
+        DrapeError, OSError: see :meth:`Worker.answer`; the finished sequences stay in ``parts``.
     """
     waiting = list(indices)[::-1]
     workers = [Worker(parts, number) for number in range(min(count, len(waiting)))]
@@ -98,6 +104,6 @@ def run_workers(parts: Path, indices: Iterable[int], count: int) -> Iterator[tup
     finally:
         selector.close()
         for worker in workers:
-            worker.process.stdin.close()
+            worker.stop()
         for worker in workers:
-            worker.close()
+            worker.join()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 import typing
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
@@ -24,28 +23,22 @@ INSTRUCTIONS = {"_target_", "_partial_", "_recursive_", "_convert_", "_args_"}
 
 
 def check_config(
-    config: DictConfig,
-    *,
-    contents: str = "train",
-    supplied: Mapping[str, Collection[str]] | None = None,
-    read_by_config: Collection[str] = (),
+    config: DictConfig, *, contents: str = "train", supplied: Mapping[str, Collection[str]] | None = None
 ) -> None:
     """Refuse a config with mistakes, all of them in one message, a line each: where, found, expected, what to do.
 
-    Found are: top-level nodes that ``conf/<contents>.yaml`` does not have; values that are not set (``???``);
-    interpolations without a value; a ``_target_`` that cannot be imported; arguments that it does not have, lacks, or
-    whose values are not of the annotated type; members of a family (losses, callbacks) without a ``_target_``; values
-    that nobody reads in the nodes ``read_by_config``, which exist only for interpolations from elsewhere.
-    ``supplied`` names the arguments that the program adds itself, by the dotted path of the object.
+    Found are: top-level nodes that ``conf/<contents>.yaml`` does not have; values that no option of their group has;
+    values that are not set (``???``); interpolations without a value; a ``_target_`` that cannot be imported;
+    arguments that it does not have, lacks, or whose values are not of the annotated type; members of a family (losses,
+    callbacks) without a ``_target_``. ``supplied`` names the arguments that the program adds itself, by the dotted
+    path of the object.
 
     Raises:
         DrapeError: there is at least one mistake.
     """
-    problems: list[str] = list(_foreign_nodes(config, contents))
+    problems = [*_foreign_nodes(config, contents), *_foreign_values(config)]
     tree = _plain(config, "", problems)
     problems += _walk(tree, "", supplied or {})
-    for node in read_by_config:
-        problems += _unread(config, node)
     if problems:
         raise DrapeError("\n".join(f"conf: {problem}" for problem in dict.fromkeys(problems)))
 
@@ -165,18 +158,14 @@ def _name(annotation: Any) -> str:
     return annotation.__name__ if inspect.isclass(annotation) else str(annotation).replace("typing.", "")
 
 
-def _unread(config: DictConfig, node: str) -> Iterator[str]:
-    """Values below ``node`` that no ``${...}`` of the config mentions."""
-    strings = "\n".join(_strings(OmegaConf.to_container(config, resolve=False)))
-    known = set(re.findall(rf"\b{node}\.(\w+)", strings))
-    for key in config.get(node) or {}:
-        if key not in known:
-            yield f"{node}.{key}: nothing reads it{did_you_mean(str(key), known)}"
-
-
-def _strings(tree: Any) -> Iterator[str]:
-    if isinstance(tree, dict | list):
-        for value in tree.values() if isinstance(tree, dict) else tree:
-            yield from _strings(value)
-    elif isinstance(tree, str) and "${" in tree:
-        yield tree
+def _foreign_values(config: DictConfig) -> Iterator[str]:
+    """Plain values in the node of a group that none of the group's options has."""
+    for group, node in config.items_ex(resolve=False):
+        files = sorted((CONF / str(group)).glob("*.yaml"))
+        if not isinstance(node, DictConfig) or "_target_" in node or not files:
+            continue
+        options = [yaml.safe_load(file.read_text(encoding="utf-8")) or {} for file in files]
+        known = {str(key) for option in options for key in option} - {"defaults"}
+        for key in node:
+            if key not in known and not isinstance(node._get_node(key), Container):
+                yield f"{group}.{key}: no option of conf/{group}/ has it{did_you_mean(str(key), known)}"

@@ -17,7 +17,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from drape.config.sentences import causes
+from drape.config.sentences import causes, did_you_mean
 from drape.errors import DrapeError
 
 CONF = Path(__file__).parents[3] / "conf"
@@ -86,12 +86,18 @@ def refusal(error: BaseException) -> str | None:
 
 
 def _composition(error: HydraException) -> str:
-    own = [str(cause) for cause in causes(error) if isinstance(cause, (HydraException, OmegaConfBaseException))]
-    lines = [line.strip() for line in dict.fromkeys("\n".join(own).splitlines()) if line.strip()]
-    lines = [line for line in lines if not line.startswith(("full_key", "object_type"))]
-    if any("ablation/" in line for line in lines):
+    """What Hydra and OmegaConf say, without the list of folders searched, and with a suggestion for a misspelt key."""
+    text, hint = [], ""
+    for cause in causes(error):
+        if isinstance(cause, HydraException | OmegaConfBaseException):
+            text += [line.strip() for line in str(cause).partition("Config search path:")[0].splitlines()]
+        if isinstance(getattr(cause, "parent_node", None), DictConfig):
+            hint = did_you_mean(str(cause.key).rpartition(".")[2], map(str, cause.parent_node))
+    noise = ("full_key", "object_type", "To append")
+    lines = [line for line in dict.fromkeys(text) if line and not line.startswith(noise)]
+    if any(line.startswith("In 'ablation/") for line in lines):
         lines.append("this ablation does not fit the rest of the configuration; choose another, or ablation=none")
-    return "conf: " + "\n  ".join(lines)
+    return "conf: " + "\n  ".join(lines) + hint
 
 
 def _interrupted(stop: BaseException) -> bool:

@@ -58,7 +58,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
             raise DrapeError(f"{path}: no fabric {', '.join(unknown)}; it has {', '.join(self.file.fabrics)}")
         if self.file.num_frames < 3:
             raise DrapeError(f"{path}: {self.file.num_frames} frames a sequence; a window needs 3")
-        self._windows_per_sequence = self.file.num_frames - 2
+        self.windows_per_sequence = self.file.num_frames - 2
         self.train_sequences = self._sequences("train")[:train_sequences]
         self.test_sequences = self._sequences("test")
         self.validation_sequences = self.test_sequences[:validation_sequences]
@@ -84,7 +84,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
 
     def windows(self, sequences: np.ndarray, indices: np.ndarray) -> Window:
         """The windows of the given numbers, counted through ``sequences``, as one batch."""
-        which, starts = np.divmod(indices, self._windows_per_sequence)
+        which, starts = np.divmod(indices, self.windows_per_sequence)
         numbers = sequences[which]
         frames = [self.file.positions(int(n), int(s), int(s) + 3) for n, s in zip(numbers, starts, strict=True)]
         x_prev, x, x_next = torch.from_numpy(np.concatenate(frames, axis=1)).double()
@@ -105,7 +105,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
 
     def loader(self, sequences: np.ndarray, batch_size: int, **order: int) -> WindowLoader:
         """All windows of ``sequences`` in batches; ``order`` as in :class:`WindowLoader`."""
-        count = len(sequences) * self._windows_per_sequence
+        count = len(sequences) * self.windows_per_sequence
         return WindowLoader(lambda indices: self.windows(sequences, indices), count, batch_size, **order)
 
     def _share(self) -> dict[str, int]:

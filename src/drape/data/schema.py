@@ -66,9 +66,7 @@ MATERIAL_ATTRIBUTES = {
 
 def plain(value: object) -> object:
     """An HDF5 attribute as Python values."""
-    if isinstance(value, np.ndarray):
-        return [plain(item) for item in value]
-    return value.item() if isinstance(value, np.generic) else value
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def check_file(file: h5py.File, path: Path) -> None:
@@ -91,8 +89,8 @@ def _check_attributes(file: h5py.File, path: Path) -> None:
         found = plain(file.attrs.get(name, "nothing"))
         if found != expected:
             raise DrapeError(
-                f"{path}: attribute {name}: found {found!r}; expected {expected!r}; this is no data set of this version, "
-                "make one with: python src/generate.py"
+                f"{path}: attribute {name}: found {found!r}; expected {expected!r}; this is no data set of this "
+                "version, make one with: python src/generate.py"
             )
     for name, meaning in ATTRIBUTES.items():
         if name not in file.attrs:
@@ -116,7 +114,9 @@ def _check_field(file: h5py.File, path: Path, field: Field, lengths: dict[str, i
         for dim, length in zip(field.dims, shape, strict=True)
     )
     if not fits or dataset.dtype != np.dtype(field.dtype) or 0 in shape:
-        raise DrapeError(f"{path}: {field.name}: found {dataset.dtype} of shape {shape}; {expected}; generate the file again")
+        raise DrapeError(
+            f"{path}: {field.name}: found {dataset.dtype} of shape {shape}; {expected}; generate the file again"
+        )
     unit = plain(dataset.attrs.get("units", "nothing"))
     if unit != field.unit:
         raise DrapeError(f"{path}: {field.name}: attribute units: found {unit!r}; expected {field.unit!r}")

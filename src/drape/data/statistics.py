@@ -5,36 +5,47 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import torch
 
 from drape.data.datamodule import TrajectoryDataModule
 from drape.scene.geometry import EdgeGeometry
 
 WINDOWS = 512
 """Number of training windows that are looked at, evenly spaced."""
+BATCH = 16
 
 
 def training_statistics(data: TrajectoryDataModule) -> dict[str, float]:
-    """Root mean squares over evenly spaced windows of the training split.
+    """What evenly spaced windows of the training split say.
 
-    ``stretch`` of Δl [m], ``stretch_typical`` median of |Δl| [m], ``speed`` of edge midpoints [m/s], ``balance`` of ΔV
-    of a cloth [J], ``edges`` and ``area`` number of edges [1] and area at an edge [m²].
+    Root mean squares: ``stretch`` of Δl [m] and ``speed`` of edge midpoints [m/s]. ``stretch_typical`` is the median
+    of |Δl| [m], ``area`` the mean area at an edge [m²]. Energies: ``edge_energy``, the root mean square of ΔV of a
+    cloth over the square root of the number of its edges [J]; ``edge_energy_density``, the same over ``area`` [J/m²];
+    ``typical_work``, the mean internal force on a vertex times ``stretch_typical`` [J].
     """
-    total = len(data.train_sequences) * (data.file.num_frames - 2)
+    total = len(data.train_sequences) * data.windows_per_sequence
     chosen = np.unique(np.linspace(0, total - 1, min(WINDOWS, total)).astype(np.int64))
-    squares = {"stretch": 0.0, "speed": 0.0, "balance": 0.0}
-    medians, batches = [], np.array_split(chosen, math.ceil(len(chosen) / 16))
-    for indices in batches:
+    sums = dict.fromkeys(("stretch", "speed", "balance", "force", "median", "area"), 0.0)
+    for indices in np.array_split(chosen, math.ceil(len(chosen) / BATCH)):
         window = data.windows(data.train_sequences, indices)
         geometry, previous = EdgeGeometry(window.x_next, window.mesh), EdgeGeometry(window.x, window.mesh)
         stretch = geometry.length - window.mesh.rest_lengths
-        speed = (geometry.midpoint - previous.midpoint).norm(dim=-1) / window.dt
-        for name, value in {"stretch": stretch, "speed": speed, "balance": window.balance}.items():
-            squares[name] += float(value.square().mean()) / len(batches)
-        medians.append(float(stretch.abs().median()))
-    mesh = data.file.mesh
-    statistics = {name: math.sqrt(value) for name, value in squares.items()}
-    statistics["stretch_typical"] = float(np.mean(medians))
-    statistics["edges"] = mesh.num_edges
-    statistics["area"] = float(EdgeGeometry(torch.from_numpy(mesh.rest_positions).double(), window.mesh_one).area.mean())
-    return statistics
+        means = {
+            "stretch": stretch.square().mean(),
+            "speed": (geometry.midpoint - previous.midpoint).square().sum(-1).mean() / window.dt**2,
+            "balance": window.balance.square().mean(),
+            "force": window.inertial_force[window.free].norm(dim=-1).mean(),
+            "median": stretch.abs().median(),
+            "area": geometry.area.mean(),
+        }
+        for name, value in means.items():
+            sums[name] += float(value) * len(indices) / len(chosen)
+    edge_energy = math.sqrt(sums["balance"] / data.file.mesh.num_edges)
+    return {
+        "stretch": math.sqrt(sums["stretch"]),
+        "stretch_typical": sums["median"],
+        "speed": math.sqrt(sums["speed"]),
+        "area": sums["area"],
+        "edge_energy": edge_energy,
+        "edge_energy_density": edge_energy / sums["area"],
+        "typical_work": sums["force"] * sums["median"],
+    }

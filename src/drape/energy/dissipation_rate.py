@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -15,12 +17,15 @@ from drape.scene.geometry import EdgeGeometry, safe_norm
 
 
 class RateDissipation(DissipationUnits):
-    """``φd = energy_scale · Σ_k c_k q_k``, quadratic in the motion of the step, c = base(a) + net(asinh z, a).
+    """``φd = energy_scale · Σ_k c_k q_k`` and ``lost = energy_scale · Σ_k b_k q_k``; (b, c) = base(a) + net(asinh z, a).
 
     The q are the squares of the changes of z = (Δl/stretch_scale, sin and cos of Δα, Δβ) over the step (internal
     damping), the product of the change of length and the present Δl with the turn of the edge, ``Δl (l' - e'·d)``
     (which lets the tension at t act along the direction d that the edge had at t), and ``γ speed²`` in units of
     ``area_scale`` and ``speed_scale`` (air). All vanish at rest, so a cloth that does not move loses nothing.
+
+    What a step loses is not the potential of its force: a drag ``c v`` has the potential ``½ c v² dt`` but takes
+    ``c v² dt`` from the motion. So the two have coefficients of their own; the paper takes them for the same.
 
     The coefficients are free in sign. The trajectories are frames of a simulation with finer steps inside, and the
     second difference of positions is centred at t: seen as one implicit step to t+1, forces lag behind, which is a
@@ -30,8 +35,7 @@ class RateDissipation(DissipationUnits):
     def __init__(
         self,
         deformation: Deformation,
-        net: EnergyNet,
-        attributes: int,
+        net: Callable[..., EnergyNet],
         stretch_scale: float,
         speed_scale: float,
         area_scale: float,
@@ -39,7 +43,7 @@ class RateDissipation(DissipationUnits):
     ):
         super().__init__()
         self.deformation = deformation
-        self.coefficients = LearnedCoefficients(net, attributes, deformation.size + 2, 0.0)
+        self.coefficients = LearnedCoefficients(net, 2 * deformation.size + 1, 2 * (deformation.size + 2), 0.0)
         self.stretch_scale = stretch_scale
         self.speed_scale = speed_scale
         self.area_scale = area_scale
@@ -58,12 +62,13 @@ class RateDissipation(DissipationUnits):
 
     def energies(
         self, inputs: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]
-    ) -> Float[Tensor, " edges"]:
+    ) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
         size = self.deformation.size
-        scale = torch.tensor([self.stretch_scale] + [1.0] * (size - 1), device=inputs.device)
+        scale = inputs.new_tensor([self.stretch_scale] + [1.0] * (size - 1))
         before, change = inputs[:, :size] / scale, inputs[:, size : 2 * size] / scale
         turn, air, speed = inputs[:, 2 * size :].unbind(-1)
         seen = torch.cat([before, change, speed[:, None]], -1)
-        coefficients = self.coefficients(torch.asinh(seen), attributes).double()
+        coefficients = self.coefficients(torch.asinh(seen), attributes).double().unflatten(-1, (2, size + 2))
         quantities = torch.cat([change.square(), turn[:, None], air[:, None]], -1)
-        return self.energy_scale * (coefficients * quantities).sum(-1)
+        potential, lost = (coefficients * quantities[:, None]).sum(-1).unbind(-1)
+        return self.energy_scale * potential, self.energy_scale * lost

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -9,6 +11,7 @@ from torch import Tensor
 from drape.energy.units import DissipationUnits
 from drape.nets.mlp import EnergyNet
 from drape.scene.geometry import EdgeGeometry, safe_norm
+from drape.scene.material import ATTRIBUTES
 
 SLOWEST = 1e-6
 """Speeds are rounded off below this [m/s], to keep the derivative at rest finite."""
@@ -21,14 +24,14 @@ class SpeedDissipation(DissipationUnits):
     (official configuration, FACTS 1.4).
 
     Args:
-        net: network from ``1 + attributes`` inputs to 1, without biases in encoder and head.
+        net: makes the network from its numbers of inputs and outputs; encoder and head get no biases.
         speed_scale: standard deviation of the speed in the training data [m/s].
         energy_scale: [J/m²].
     """
 
-    def __init__(self, net: EnergyNet, speed_scale: float, energy_scale: float):
+    def __init__(self, net: Callable[..., EnergyNet], speed_scale: float, energy_scale: float):
         super().__init__()
-        self.net = net
+        self.net = net(1 + len(ATTRIBUTES), 1, bias=False)
         self.speed_scale = speed_scale
         self.energy_scale = energy_scale
 
@@ -40,7 +43,8 @@ class SpeedDissipation(DissipationUnits):
 
     def energies(
         self, inputs: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]
-    ) -> Float[Tensor, " edges"]:
+    ) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
         speed, area = inputs[:, :1], inputs[:, 1]
         lost = self.net(torch.cat([speed / self.speed_scale, attributes], -1))[:, 0].double()
-        return self.energy_scale * area * lost.square()
+        lost = self.energy_scale * area * lost.square()
+        return lost, lost

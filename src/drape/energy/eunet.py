@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from drape.energy.units import DissipationUnits, PotentialUnits
 from drape.scene.geometry import EdgeGeometry
 from drape.scene.mesh_batch import MeshBatch
+
+
+class EdgeEnergies(NamedTuple):
+    """Energies of the edges over one step [J], float64."""
+
+    total: Float[Tensor, " edges"]
+    """φp + φd: its gradient in the positions is minus the internal and damping force."""
+    balance: Float[Tensor, " edges"]
+    """φp at the end of the step plus the energy lost in it: what the energy balance counts."""
 
 
 class EUNet(nn.Module):
@@ -39,9 +50,13 @@ class EUNet(nn.Module):
 
     def energies(
         self, inputs: dict[str, Tensor], attributes: Float[Tensor, "edges attributes"]
-    ) -> dict[str, Float[Tensor, " edges"]]:
-        """Energy of each edge [J], by the name of the unit."""
-        return {name: self.units[name].energies(value, attributes) for name, value in inputs.items()}
+    ) -> EdgeEnergies:
+        """Energies of the edges for what :meth:`inputs` returned."""
+        potential = self.potential.energies(inputs["potential"], attributes)
+        if not self.dissipates:
+            return EdgeEnergies(potential, potential)
+        dissipation, lost = self.units["dissipation"].energies(inputs["dissipation"], attributes)
+        return EdgeEnergies(potential + dissipation, potential + lost)
 
     def forward(
         self,
@@ -53,5 +68,4 @@ class EUNet(nn.Module):
     ) -> Float[Tensor, " meshes"]:
         """Φ(x_next, x) of each mesh [J]; differentiable in both positions (use float64)."""
         inputs = self.inputs(EdgeGeometry(x_next, mesh), EdgeGeometry(x, mesh), dt)
-        energies = self.energies(inputs, attributes[mesh.mesh_of_edge])
-        return sum(mesh.sum_edges(energy) for energy in energies.values())
+        return mesh.sum_edges(self.energies(inputs, attributes[mesh.mesh_of_edge]).total)

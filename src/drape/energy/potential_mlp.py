@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -10,6 +12,7 @@ from drape.energy.deformation import Deformation
 from drape.energy.units import PotentialUnits
 from drape.nets.mlp import EnergyNet
 from drape.scene.geometry import EdgeGeometry
+from drape.scene.material import ATTRIBUTES
 
 
 class MLPPotential(PotentialUnits):
@@ -19,15 +22,17 @@ class MLPPotential(PotentialUnits):
 
     Args:
         deformation: what the units see of an edge.
-        net: network from ``deformation.size + attributes`` inputs to 1.
+        net: makes the network from its numbers of inputs and outputs.
         stretch_scale: standard deviation of Δl in the training data [m].
         energy_scale: [J].
     """
 
-    def __init__(self, deformation: Deformation, net: EnergyNet, stretch_scale: float, energy_scale: float):
+    def __init__(
+        self, deformation: Deformation, net: Callable[..., EnergyNet], stretch_scale: float, energy_scale: float
+    ):
         super().__init__()
         self.deformation = deformation
-        self.net = net
+        self.net = net(deformation.size + len(ATTRIBUTES), 1)
         self.stretch_scale = stretch_scale
         self.energy_scale = energy_scale
 

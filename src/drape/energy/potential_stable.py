@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -22,18 +24,17 @@ class StablePotential(PotentialUnits):
 
     Args:
         deformation: what the units see of an edge.
-        net: network from ``deformation.size + attributes`` inputs to ``size (size + 1) / 2`` outputs.
-        attributes: number of attributes of a fabric.
+        net: makes the network from its numbers of inputs and outputs.
         stretch_scale: typical |Δl| [m].
         energy_scale: [J].
     """
 
     def __init__(
-        self, deformation: Deformation, net: EnergyNet, attributes: int, stretch_scale: float, energy_scale: float
+        self, deformation: Deformation, net: Callable[..., EnergyNet], stretch_scale: float, energy_scale: float
     ):
         super().__init__()
         self.deformation = deformation
-        self.coefficients = LearnedCoefficients(net, attributes, deformation.size * (deformation.size + 1) // 2, 1.0)
+        self.coefficients = LearnedCoefficients(net, deformation.size, deformation.size * (deformation.size + 1) // 2, 1.0)
         self.stretch_scale = stretch_scale
         self.energy_scale = energy_scale
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from drape.nets.mlp import EnergyNet, feed_forward
+from drape.scene.material import ATTRIBUTES
+
+BASE_WIDTH = 64
 
 
 class LearnedCoefficients(nn.Module):
@@ -17,12 +22,12 @@ class LearnedCoefficients(nn.Module):
     ask for it.
     """
 
-    def __init__(self, net: EnergyNet, attributes: int, size_out: int, start: float):
+    def __init__(self, net: Callable[..., EnergyNet], size_in: int, size_out: int, start: float):
         super().__init__()
-        self.net = net
-        self.base = feed_forward([attributes, 64, 64, size_out])
-        nn.init.zeros_(net.head[-1].weight)
-        nn.init.zeros_(net.head[-1].bias)
+        self.net = net(size_in + len(ATTRIBUTES), size_out)
+        self.base = feed_forward([len(ATTRIBUTES), BASE_WIDTH, BASE_WIDTH, size_out])
+        nn.init.zeros_(self.net.head[-1].weight)
+        nn.init.zeros_(self.net.head[-1].bias)
         nn.init.constant_(self.base[-1].bias, start)
 
     def forward(

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from drape.data.windows import Window
-from drape.energy.eunet import EUNet
+from drape.energy.eunet import EdgeEnergies, EUNet
 from drape.energy.pullback import pullback
 from drape.scene.geometry import EdgeGeometry
 
@@ -48,8 +48,8 @@ class StepEnergies:
         return {name: value.detach().requires_grad_() for name, value in self._inputs_next.items()}
 
     @cached_property
-    def next(self) -> dict[str, Float[Tensor, " edges"]]:
-        """Energy of each edge at t+1 [J], by unit."""
+    def next(self) -> EdgeEnergies:
+        """Energies of each edge for the step to t+1 [J]."""
         with torch.enable_grad():
             return self.energy.energies(self._leaves, self.attributes)
 
@@ -61,14 +61,14 @@ class StepEnergies:
 
     @cached_property
     def change(self) -> Float[Tensor, " meshes"]:
-        """ΔV_Φ = Φp(t+1) + Φd(t+1) - Φp(t) of each mesh [J] (paper, eq. 7), differenced edge by edge."""
-        return self.window.mesh.sum_edges(sum(self.next.values()) - self.potential)
+        """ΔV_Φ = Φp(t+1) + lost - Φp(t) of each mesh [J] (paper, eq. 7), differenced edge by edge."""
+        return self.window.mesh.sum_edges(self.next.balance - self.potential)
 
     @cached_property
     def gradient(self) -> Float[Tensor, "vertices 3"]:
         """∂Φ/∂x at t+1 [N], minus the internal and damping force on each vertex."""
         with torch.enable_grad():
-            total = sum(energy.sum() for energy in self.next.values())
+            total = self.next.total.sum()
             leaves = list(self._leaves.values())
             slopes = torch.autograd.grad(total, leaves, create_graph=self.training, retain_graph=True)
             return pullback(list(self._inputs_next.values()), self._x_next, slopes)

@@ -29,7 +29,7 @@ class PotentialUnits(nn.Module, ABC):
 
 
 class DissipationUnits(nn.Module, ABC):
-    """φd: energy that the motion of an edge over one step loses, as a potential of the step."""
+    """φd: the potential of the step whose gradient is the damping force, and the energy that the step loses."""
 
     @abstractmethod
     def inputs(
@@ -40,5 +40,5 @@ class DissipationUnits(nn.Module, ABC):
     @abstractmethod
     def energies(
         self, inputs: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]
-    ) -> Float[Tensor, " edges"]:
-        """Energy that each edge loses in the step [J], float64."""
+    ) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
+        """φd of each edge [J] and the energy that the edge loses in the step [J], float64."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from drape.energy.step_energies import StepEnergies
@@ -34,11 +34,11 @@ class Contrastive(LossTerm):
         self.inertia = inertia
 
     def forward(self, step: StepEnergies) -> Float[Tensor, ""]:
-        rise = self.rise(step)
+        _, rise = self.rise(step)
         return rise.clamp(max=0.0).square().sum() / step.window.mesh.num_meshes
 
-    def rise(self, step: StepEnergies) -> Float[Tensor, " disturbed"]:
-        """``E(x_i + δ) - E(x_i)`` [J] of a fresh draw of disturbed vertices, each with its own δ."""
+    def rise(self, step: StepEnergies) -> tuple[Int[Tensor, " disturbed"], Float[Tensor, " disturbed"]]:
+        """A fresh draw of disturbed vertices i, and ``E(x_i + δ) - E(x_i)`` [J] of each with a δ of its own."""
         window, mesh = step.window, step.window.mesh
         vertices = disturbed_vertices(mesh, window.free)
         level = torch.randint(1, self.levels + 1, (mesh.num_meshes,), device=vertices.device)
@@ -50,9 +50,9 @@ class Contrastive(LossTerm):
         inputs = step.energy.inputs(disturbed, step.current, window.dt)
         inputs = {name: value[edges] for name, value in inputs.items()}
         energies = step.energy.energies(inputs, step.attributes[edges])
-        change = sum(energies.values()) - sum(step.next.values())[edges]
+        change = energies.total - step.next.total[edges]
         own = self._inertia_and_gravity(step, vertices, noise)
-        return own.index_add(0, cause, change)
+        return vertices, own.index_add(0, cause, change)
 
     def _inertia_and_gravity(self, step: StepEnergies, vertices: Tensor, noise: Tensor) -> Tensor:
         window = step.window

@@ -14,3 +14,12 @@ class EnergyBalance(LossTerm):
 
     def forward(self, step: StepEnergies) -> Float[Tensor, ""]:
         return (step.change - step.window.balance).square().mean()
+
+
+class EnergyBalancePerMass(LossTerm):
+    """``((ΔV_Φ - ΔV) / M)²`` [J²/kg²] with M the mass of the cloth: heavy fabrics do not outweigh light ones."""
+
+    def forward(self, step: StepEnergies) -> Float[Tensor, ""]:
+        window = step.window
+        error = (step.change - window.balance) / window.mesh.sum_vertices(window.mass)
+        return error.square().mean()

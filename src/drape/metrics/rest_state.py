@@ -79,5 +79,3 @@ def lowest_energy(step: StepEnergies, half_range: float, points: int) -> Float[T
     stretched[:, 0] += stretch.repeat_interleave(mesh.num_edges)
     energies = units.energies(stretched, step.attributes.repeat(points, 1))
     return energies.reshape(points, mesh.num_edges).amin(0)
-
-

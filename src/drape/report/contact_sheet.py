@@ -32,22 +32,23 @@ def draw_contact_sheet(file: TrajectoryFile, path: Path) -> Path:
     rows = [s for index in range(len(file.fabrics)) for s in np.flatnonzero(file.fabric == index)[:PER_FABRIC]]
     frames = np.unique(np.linspace(0, file.num_frames - 1, FRAMES).round().astype(int))
     figure, axes = plt.subplots(
-        len(rows), len(frames), figsize=(1.9 * len(frames), 1.9 * len(rows)), squeeze=False, layout="constrained"
+        len(rows), len(frames), figsize=(1.6 * len(frames) + 0.3, 1.6 * len(rows) + 0.3), squeeze=False
     )
     for line, sequence in zip(axes, rows, strict=True):
         positions = file.positions(int(sequence))
         screen = positions.astype(np.float64) @ _view()
         centre = 0.5 * (screen.min((0, 1)) + screen.max((0, 1)))[:2]
-        half = 0.53 * float(np.ptp(screen, axis=(0, 1))[:2].max())
+        half = 0.53 * np.ptp(screen, axis=(0, 1))[:2].max() * np.array([-1.0, 1.0])
         fabric = int(file.fabric[sequence])
         for axis, frame in zip(line, frames, strict=True):
             _draw(axis, screen[frame], file, COLOURS[fabric % len(COLOURS)])
-            axis.set(xlim=(centre[0] - half, centre[0] + half), ylim=(centre[1] - half, centre[1] + half), aspect="equal")
-            axis.set(xticks=[], yticks=[])
+            axis.set(xlim=centre[0] + half, ylim=centre[1] + half, aspect="equal", xticks=[], yticks=[])
             axis.spines[:].set_color("#dddddd")
         line[0].set_ylabel(f"{file.fabrics[fabric]} (no. {sequence})", fontsize=8)
     for axis, frame in zip(axes[0], frames, strict=True):
         axis.set_title(f"{frame * file.dt:.2f} s", fontsize=8)
+    width, height = figure.get_size_inches()
+    figure.subplots_adjust(0.3 / width, 0.06 / height, 0.995, 1 - 0.3 / height, wspace=0.04, hspace=0.04)
     figure.savefig(path, dpi=90)
     plt.close(figure)
     return path
@@ -66,7 +67,7 @@ def _draw(axis: plt.Axes, screen: np.ndarray, file: TrajectoryFile, colour: str)
     triangles = screen[file.mesh.faces]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12
-    shade = (0.35 + 0.65 * np.abs(normals @ LIGHT)) * np.where(normals[:, 2] > 0, 1.0, 0.72)
+    shade = (0.2 + 0.8 * np.abs(normals @ LIGHT)) * np.where(normals[:, 2] > 0, 1.0, 0.72)
     base = np.array(matplotlib.colors.to_rgb(colour))
     order = np.argsort(triangles[:, :, 2].mean(axis=1))
     colours = np.clip(shade[:, None] * base, 0.0, 1.0)[order]

@@ -18,13 +18,13 @@ def dataset_card(file: TrajectoryFile) -> str:
     internal energy and the dissipation have to account for.
     """
     mesh = file.mesh
-    seconds = (file.num_frames - 1) * file.dt
     lines = [
-        f"{file.path}: {file.num_sequences} sequences of {file.num_frames} frames ({seconds:.2f} s, dt {file.dt:.5f} s), "
+        f"{file.path}: {file.num_sequences} sequences of {file.num_frames} frames, dt {file.dt:.5f} s, "
         f"{mesh.num_vertices} vertices, {mesh.num_faces} faces, {mesh.num_edges} edges, {len(file.pinned)} pinned",
         f"cloth {np.ptp(mesh.rest_positions[:, 0]):.2f} m wide, gravity {np.linalg.norm(file.gravity):.3f} m/s2, "
         f"seed {file.attribute('seed')}, Blender {file.attribute('blender_version')}, "
         f"{file.path.stat().st_size / 1e6:.1f} MB",
+        "percentiles 1 | 50 | 99  [least, greatest] over all sequences and frames:",
     ]
     return "\n".join(lines + _table([COLUMNS, *(_row(file, index) for index in range(len(file.fabrics)))]))
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -20,6 +20,7 @@ TINY = 1e-6
 """Relative size below which lengths, areas and projections count as zero."""
 
 
+@runtime_checkable
 class Topology(Protocol):
     """What the geometry of edges needs to know of a mesh."""
 

@@ -1,0 +1,41 @@
+"""The report of a set of finished runs: one Markdown document, one section for each setting."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from drape.metrics.record import RunRecord
+from drape.report.provenance import describe_setting, missing, provenance
+from drape.report.runs import Configuration, by_setting, configurations
+from drape.report.table import Table
+from drape.report.tables import energy_error_table, force_table, is_papers, orderings, paper, quantity_tables
+
+
+def settings_of(runs: Sequence[RunRecord], ablations: Sequence[str]) -> list[list[Configuration]]:
+    """Comparable configurations together; first those with the most runs of the paper's configurations."""
+    groups = by_setting(configurations(runs, ablations))
+    return sorted((found for _, found in groups), key=lambda found: -sum(len(c.runs) for c in found if is_papers(c)))
+
+
+def tables(found: Sequence[Configuration]) -> list[Table]:
+    """All tables of configurations that share their setting; those without rows left out."""
+    candidates = [energy_error_table(found), orderings(found), force_table(found), *quantity_tables(found)]
+    return [table for table in candidates if table.rows]
+
+
+def document(runs: Sequence[RunRecord], ablations: Sequence[str], seeds: Sequence[int]) -> str:
+    """Markdown of all tables with what made them; for the main setting also the commands of missing runs."""
+    sections = ["# The constitutive law, learned", "", f"Numbers in the paper: {paper()['source']}.", ""]
+    main, *others = settings_of(runs, ablations)
+    sections += _section(main, tables(main))
+    commands = missing(main, ablations, seeds)
+    if commands:
+        sections += ["### Missing runs", "", "```", *commands, "```", ""]
+    for found in others:
+        sections += _section(found, [energy_error_table(found), force_table(found)])
+    return "\n".join(sections)
+
+
+def _section(found: Sequence[Configuration], shown: Sequence[Table]) -> list[str]:
+    heading = f"## {describe_setting(found[0].setting)}"
+    return [heading, "", *(table.markdown() for table in shown), provenance(found)]

@@ -1,0 +1,92 @@
+"""Finished runs, gathered: those that differ by their seed only are one configuration."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drape.errors import DrapeError
+from drape.metrics.record import FILE, RunRecord
+
+
+def find_runs(folder: Path | str) -> list[RunRecord]:
+    """All finished runs below ``folder``; of runs that say the same of themselves, the newest.
+
+    Raises:
+        DrapeError: there are none, or one cannot be read.
+    """
+    folder = Path(folder)
+    paths = sorted(folder.rglob(FILE), key=lambda path: (path.stat().st_mtime, str(path)))
+    if not paths:
+        raise DrapeError(f"{folder}: no finished run below it (no {FILE}); make one with: python src/train.py")
+    newest = {(*_identity(run), run.seed): run for run in (RunRecord.load(path.parent) for path in paths)}
+    return sorted(newest.values(), key=lambda run: str(run.folder))
+
+
+def _identity(run: RunRecord) -> tuple:
+    return run.model, run.ablation, tuple(sorted(run.variant.items())), tuple(sorted(run.setting.items()))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A number of several runs."""
+
+    mean: float
+    lowest: float
+    highest: float
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Runs of one configuration, one for each seed."""
+
+    runs: tuple[RunRecord, ...]
+
+    @property
+    def model(self) -> str:
+        return self.runs[0].model
+
+    @property
+    def ablation(self) -> str:
+        return self.runs[0].ablation
+
+    @property
+    def variant(self) -> Mapping[str, str]:
+        return self.runs[0].variant
+
+    @property
+    def setting(self) -> Mapping[str, str | int]:
+        return self.runs[0].setting
+
+    @property
+    def seeds(self) -> list[int]:
+        return sorted(run.seed for run in self.runs)
+
+    def over_seeds(self, key: str) -> Spread | None:
+        """Mean and range over the seeds of one metric; None where no run has it."""
+        values = [run.metrics[key] for run in self.runs if key in run.metrics]
+        return Spread(statistics.fmean(values), min(values), max(values)) if values else None
+
+
+def configurations(runs: Iterable[RunRecord], order: Sequence[str] = ()) -> list[Configuration]:
+    """Group runs; ablations in the given ``order``, then by name."""
+    groups: dict[tuple, list[RunRecord]] = {}
+    for run in runs:
+        groups.setdefault(_identity(run), []).append(run)
+    rank = {name: k for k, name in enumerate(order)}
+
+    def place(group: list[RunRecord]) -> tuple:
+        run = group[0]
+        return run.model, sorted(run.variant.items()), rank.get(run.ablation, len(rank)), run.ablation
+
+    return [Configuration(tuple(group)) for group in sorted(groups.values(), key=place)]
+
+
+def by_setting(found: Iterable[Configuration]) -> list[tuple[Mapping[str, str | int], list[Configuration]]]:
+    """Configurations that may be compared, together."""
+    groups: dict[tuple, list[Configuration]] = {}
+    for configuration in found:
+        groups.setdefault(tuple(sorted(configuration.setting.items(), key=str)), []).append(configuration)
+    return [(group[0].setting, group) for _, group in sorted(groups.items(), key=str)]

@@ -1,0 +1,44 @@
+"""A table that can be printed in a terminal and written as Markdown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rich.table import Table as RichTable
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text; the first column names the row."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+
+    def markdown(self) -> str:
+        """The table with its title as a heading of level 3."""
+        lines = [f"### {self.title}", ""] + ([self.note, ""] if self.note else [])
+        lines += [_line(self.columns), "|---" + "|---:" * (len(self.columns) - 1) + "|"]
+        return "\n".join(lines + [_line(row) for row in self.rows]) + "\n"
+
+    def terminal(self) -> RichTable:
+        """The same for a console of ``rich``."""
+        table = RichTable(title=self.title, caption=self.note or None, title_justify="left", caption_justify="left")
+        for k, column in enumerate(self.columns):
+            table.add_column(column, justify="right" if k else "left")
+        for row in self.rows:
+            table.add_row(*row)
+        return table
+
+
+def _line(cells: tuple[str, ...]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def number(value: float) -> str:
+    """At least three digits, two decimals where that is enough: 0.94, 85.74, 1052, 0.00123, 1.2e+05."""
+    size = abs(value)
+    if size == 0 or 0.1 <= size < 1000:
+        return f"{value:.2f}"
+    return f"{value:.0f}" if 1000 <= size < 1e5 else f"{value:.3g}"

@@ -1,0 +1,133 @@
+"""The tables of a set of finished runs, the paper's numbers beside ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import yaml
+
+from drape.metrics.fabric_metric import OVERALL
+from drape.report.runs import Configuration, Spread
+from drape.report.table import Table, number
+
+OVER_SEEDS = "Means over seeds, in brackets the range over seeds of the mean."
+QUANTITIES = {
+    "stretch_stiffness_ratio": "Stiffness: ∂²φp/∂Δl² at rest / constant of Blender's springs [1]",
+    "stretch_secant_ratio": "Stiffness where the cloth is: fitted slope of ∂φp/∂Δl / constant of Blender's springs [1]",
+    "violated_share": "Contrast: share of small displacements of a vertex that lower the energy [1]",
+    "rest_above_minimum_J": "Rest: φp at rest above its minimum along Δl, mean over edges [J]",
+    "rest_force_N": "Rest: largest force on a vertex of the undeformed cloth [N]",
+}
+
+
+@cache
+def paper() -> Mapping[str, Any]:
+    """The published numbers (``paper.yaml``)."""
+    return yaml.safe_load((resources.files("drape.report") / "paper.yaml").read_text())
+
+
+def is_papers(configuration: Configuration) -> bool:
+    """Whether the paper has a number for this configuration."""
+    same = configuration.model == paper()["model"] and dict(configuration.variant) == paper()["variant"]
+    return same and configuration.ablation in paper()["rows"]
+
+
+def label(configuration: Configuration) -> str:
+    """Name of a configuration: the paper's, and what differs from the paper's way."""
+    known = configuration.model == paper()["model"] and configuration.ablation in paper()["names"]
+    name = paper()["names"][configuration.ablation] if known else f"{configuration.model}, {configuration.ablation}"
+    usual = paper()["variant"]
+    other = [f"{key}={value}" for key, value in configuration.variant.items() if usual.get(key) != value]
+    return f"{name} ({', '.join(other)})" if other else name
+
+
+def columns(found: Sequence[Configuration], key: str) -> list[str]:
+    """Overall, then the fabrics of ``key``: the paper's in its order, then others."""
+    names = {k.partition("/")[2] for c in found for run in c.runs for k in run.metrics if k.startswith(f"{key}/")}
+    known = [name for name in (OVERALL, *paper()["fabrics"]) if name in names]
+    return known + sorted(names - set(known))
+
+
+def energy_error_table(found: Sequence[Configuration]) -> Table:
+    """The paper's table: configurations by fabrics, our rows and the paper's."""
+    names = columns(found, "energy_error_J2")
+    rows = []
+    for configuration in found:
+        means = [configuration.over_seeds(f"energy_error_J2/{name}") for name in names]
+        spreads = [configuration.over_seeds(f"energy_error_J2_std/{name}") for name in names]
+        cells = [_cell(m, s) for m, s in zip(means, spreads, strict=True)]
+        rows.append((label(configuration), str(len(configuration.seeds)), *cells))
+        if is_papers(configuration):
+            published = paper()["rows"][configuration.ablation]
+            cells = [f"{published[n][0]:.2f} ± {published[n][1]:.2f}" if n in published else "" for n in names]
+            rows.append(("– in the paper", "", *cells))
+    note = f"Mean ± standard deviation over all test windows. {OVER_SEEDS}"
+    title = "Energy: squared error of the change of energy of the cloth [J²]"
+    return Table(title, ("configuration", "seeds", *names), tuple(rows), note)
+
+
+def force_table(found: Sequence[Configuration]) -> Table:
+    """Mean force residual [N], beside predicting nothing and beside the fitted mass-spring law."""
+    names = columns(found, "force_residual_N")
+    rows = []
+    for title, key in (("no internal force", "inertial_force_N"), ("fitted mass-spring law", "mass_spring_residual_N")):
+        runs = Configuration(tuple(run for c in found for run in c.runs))
+        cells = [runs.over_seeds(f"{key}/{name}") for name in names]
+        if any(cells):
+            rows.append((title, "", *(number(cell.mean) if cell else "" for cell in cells)))
+    rows += _rows(found, "force_residual_N", names)
+    title = "Force: what is left of the equation of motion, |m a − m g + ∂Φ/∂x| [N]"
+    note = f"Mean over free vertices and test windows. {OVER_SEEDS}"
+    return Table(title, ("configuration", "seeds", *names), tuple(rows), note)
+
+
+def quantity_tables(found: Sequence[Configuration]) -> list[Table]:
+    """One table for each other quantity that the runs have."""
+    tables = []
+    for key, title in QUANTITIES.items():
+        names = columns(found, key)
+        if names:
+            tables.append(Table(title, ("configuration", "seeds", *names), tuple(_rows(found, key, names)), OVER_SEEDS))
+    return tables
+
+
+def orderings(found: Sequence[Configuration]) -> Table:
+    """Which of the paper's claims "a is better than b" the runs show, by their energy error."""
+    ours = {c.ablation: c for c in found if is_papers(c)}
+    names = columns(list(ours.values()), "energy_error_J2") if ours else []
+    rows = [
+        (f"{paper()['names'][first]} < {paper()['names'][second]}", *_verdicts(ours[first], ours[second], names))
+        for first, second in paper()["orderings"]
+        if first in ours and second in ours
+    ]
+    note = (
+        "Mean over seeds of the first / of the second. yes: all seeds of the first below all of the second; "
+        "no: all above; open: the seeds overlap."
+    )
+    return Table("Orderings of the paper", ("claim", *names), tuple(rows), note)
+
+
+def _verdicts(first: Configuration, second: Configuration, names: Sequence[str]) -> list[str]:
+    cells = []
+    for name in names:
+        a, b = (c.over_seeds(f"energy_error_J2/{name}") for c in (first, second))
+        if a is None or b is None:
+            cells.append("")
+            continue
+        verdict = "yes" if a.highest < b.lowest else "no" if a.lowest > b.highest else "open"
+        cells.append(f"{verdict} ({number(a.mean)} / {number(b.mean)})")
+    return cells
+
+
+def _rows(found: Sequence[Configuration], key: str, names: Sequence[str]) -> list[tuple[str, ...]]:
+    return [(label(c), str(len(c.seeds)), *(_cell(c.over_seeds(f"{key}/{name}")) for name in names)) for c in found]
+
+
+def _cell(value: Spread | None, deviation: Spread | None = None) -> str:
+    if value is None:
+        return ""
+    text = number(value.mean) + (f" ± {number(deviation.mean)}" if deviation else "")
+    return text if value.lowest == value.highest else f"{text} ({number(value.lowest)}…{number(value.highest)})"

@@ -1,0 +1,38 @@
+"""Tables and figures of finished runs: ``python src/report.py runs=runs``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from omegaconf import DictConfig
+from rich.console import Console
+
+from drape import config as conf
+from drape.report.curves import draw_curves
+from drape.report.document import document, settings_of, tables
+from drape.report.provenance import describe_setting, missing
+from drape.report.runs import find_runs
+from drape.report.trade import draw_trade
+
+
+@conf.main("report")
+def main(config: DictConfig) -> None:
+    console, output = Console(), Path(config.output)
+    runs = find_runs(config.runs)
+    found = settings_of(runs, config.ablations)[0]
+    console.rule(describe_setting(found[0].setting))
+    for table in tables(found):
+        console.print(table.terminal(), "")
+    for command in missing(found, config.ablations, config.seeds):
+        console.print(f"missing: {command}", soft_wrap=True)
+    output.mkdir(parents=True, exist_ok=True)
+    (output / "tables.md").write_text(document(runs, config.ablations, config.seeds))
+    draw_trade(runs, output / "trade.png")
+    for run in runs:
+        if (run.folder / "metrics.csv").is_file():
+            draw_curves(run.folder / "metrics.csv", run.folder / "figures" / "curves.png")
+    console.print(f"{len(runs)} runs: {output / 'tables.md'}, {output / 'trade.png'}", soft_wrap=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""Every contents page, every option of every group and every ablation composes, says what it means, and bites."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import pytest
+import yaml
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf, open_dict
+
+from drape.config import check_config, instantiate
+from drape.config.ablation import NONE, compare_ablations
+from drape.config.entry_point import CONF
+
+SUPPLIED = {"training": ("energy", "loss", "metrics", "optimizer", "schedule", "seed"), "data": ("fabrics", "seed")}
+"""What src/train.py adds to the arguments itself."""
+
+PAGES = sorted(path.stem for path in CONF.glob("*.yaml"))
+GROUPS = sorted({path.parent.relative_to(CONF).as_posix() for path in CONF.rglob("*/*.yaml")} - {"hydra"})
+OPTIONS = [(group, path.stem) for group in GROUPS for path in sorted((CONF / group).glob("*.yaml"))]
+ABLATIONS = sorted({path.stem for path in (CONF / "ablation").glob("*.yaml")} - {NONE})
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _hydra():
+    """Hydra, pointed at the project's own configuration."""
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(CONF), version_base=None):
+        yield
+
+
+def composed(page: str, overrides: list[str]) -> DictConfig:
+    return compose(page, overrides, return_hydra_config=True)
+
+
+def checked(page: str, overrides: list[str]) -> DictConfig:
+    config = composed(page, overrides)
+    with open_dict(config):
+        config.pop("hydra")
+    check_config(config, contents=page, supplied=SUPPLIED)
+    return config
+
+
+@functools.cache
+def groups_of(page: str) -> set[str]:
+    return set(composed(page, []).hydra.runtime.choices)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_contents_pages_have_no_mistakes(page):
+    checked(page, [])
+
+
+@pytest.mark.parametrize(("group", "option"), OPTIONS)
+def test_every_option_can_be_chosen(group, option):
+    """On every contents page that has the group; an ablation need not fit the default, so it has its own test."""
+    pages = [page for page in PAGES if group in groups_of(page)]
+    assert pages, f"no contents page uses conf/{group}/"
+    for page in pages:
+        if group == "ablation":
+            composed(page, [f"{group}={option}"])
+        else:
+            checked(page, [f"{group}={option}"])
+
+
+def test_the_contents_page_of_training_is_in_the_order_of_overriding():
+    """An ablation comes after all that it may change, and debugging has the last word."""
+    entries = yaml.safe_load((CONF / "train.yaml").read_text(encoding="utf-8"))["defaults"]
+    groups = [next(iter(entry)) for entry in entries if isinstance(entry, dict)]
+    assert groups[-2:] == ["ablation", "debug"]
+
+
+@pytest.mark.parametrize("name", ABLATIONS)
+def test_an_ablation_takes_something_away(name):
+    compare_ablations(lambda overrides: composed("train", overrides), [], [name])
+    checked("train", [f"ablation={name}"])
+
+
+@pytest.mark.parametrize("name", ABLATIONS)
+def test_an_ablation_is_short_and_says_what_it_reproduces(name):
+    lines = (CONF / "ablation" / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 10
+    assert any(line.startswith("#") and "@package" not in line for line in lines[:2])
+
+
+def test_no_ablation_changes_nothing():
+    """`none` is a real option, so that a sweep can list it; it leaves no trace."""
+    none = checked("train", [f"ablation={NONE}"])
+    assert OmegaConf.to_container(none).get("ablation") in (None, {})
+
+
+def test_all_ablations_together():
+    checked("train", [f"ablation=[{','.join(ABLATIONS)}]"])
+
+
+@pytest.mark.parametrize(
+    ("choice", "names"),
+    [
+        ("default", {"csv", "tensorboard"}),
+        ("csv", {"csv"}),
+        ("wandb", {"csv", "wandb"}),
+        ("all", {"csv", "tensorboard", "wandb"}),
+        ("[tensorboard,wandb]", {"csv", "tensorboard", "wandb"}),
+    ],
+)
+def test_loggers_come_one_or_several_at_once(choice, names):
+    assert set(composed("train", [f"logger={choice}"]).logger) == names
+
+
+@pytest.mark.parametrize("trainer", [path.stem for path in sorted((CONF / "trainer").glob("*.yaml"))])
+def test_forces_are_possible_in_validation_under_every_trainer(trainer):
+    config = composed("train", [f"trainer={trainer}"])
+    assert config.trainer.inference_mode is False
+    assert config.trainer.deterministic in (True, "warn")
+
+
+@pytest.mark.parametrize("debug", [path.stem for path in sorted((CONF / "debug").glob("*.yaml"))])
+def test_trainer_loggers_and_callbacks_are_built(debug, tmp_path: Path, monkeypatch):
+    monkeypatch.setenv("WANDB_MODE", "disabled")
+    config = composed("train", ["logger=all", f"debug={debug}"])
+    with open_dict(config):
+        config.hydra.runtime.output_dir = str(tmp_path)
+    HydraConfig.instance().set_config(config)
+    try:
+        loggers = [instantiate(node) for node in config.logger.values()]
+        callbacks = [instantiate(node) for node in config.callbacks.values()]
+        trainer = instantiate(config.trainer, logger=loggers, callbacks=callbacks)
+    finally:
+        HydraConfig.instance().cfg = None
+    assert {type(logger).__name__ for logger in loggers} == {"CSVLogger", "TensorBoardLogger", "WandbLogger"}
+    assert set(callbacks) <= set(trainer.callbacks)
+    assert trainer.checkpoint_callback.dirpath == str(tmp_path / "checkpoints")

@@ -1,0 +1,191 @@
+"""The habits of the house that a tool can check: lengths, words, docstrings, layers, nothing of one machine."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SOURCES = sorted((ROOT / "src").rglob("*.py"))
+CONFIGS = sorted([*(ROOT / "conf").rglob("*.yaml"), *(ROOT / "sweeps").rglob("*.yaml")])
+TEXTS = [
+    *SOURCES,
+    *CONFIGS,
+    *sorted((ROOT / "tests").rglob("*.py")),
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "Makefile", "pyproject.toml", ".ci/run")),
+]
+
+LONGEST_FILE = 300
+LONGEST_FUNCTION = 40
+LONGEST_ENTRY_POINT = 60
+"""One screen."""
+
+BANNED_WORDS = {
+    "template": "rest state",
+    "canonical": "rest state",
+    "backbone": "name the network",
+    "head": "decoder, or name what it gives",
+    "neck": "name the network",
+    "segmentor": "simulator",
+    "criterion": "energy term or loss term",
+    "criterions": "energy terms or loss terms",
+    "potential_prior": "potential",
+    "elenergy": "energy balance",
+    "cmp": "contrastive",
+    "f_connectivity": "edge_faces",
+    "attr": "material, attributes",
+    "dissipate": "dissipation",
+    "dissipate_energy": "dissipation",
+    "delta_inertia": "inertia",
+    "x_arrow": "predicted positions",
+    "h_state": "trajectory",
+    "prevprev": "t-1",
+    "env_cfg": "scene",
+    "vel": "v, velocity",
+    "runner": "simulator",
+    "experiment_runner": "sweep",
+}
+"""Words of other fields, and what they are called here (STYLE 5.4)."""
+
+BANNED_FILES = {"utils", "helpers", "helper", "common", "misc", "base", "tools"}
+
+
+def where(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def matches(paths: list[Path], pattern: str) -> list[str]:
+    """``file:line: text`` of every line that matches."""
+    found = re.compile(pattern)
+    return [
+        f"{where(path)}:{number}: {line.strip()}"
+        for path in paths
+        if path.exists()
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if found.search(line)
+    ]
+
+
+def definitions(path: Path) -> Iterator[ast.FunctionDef | ast.ClassDef]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node
+
+
+def test_there_is_a_house():
+    assert len(SOURCES) > 20
+    assert len(CONFIGS) > 5
+
+
+def test_files_are_short():
+    lengths = {where(path): len(path.read_text(encoding="utf-8").splitlines()) for path in SOURCES}
+    assert {name: length for name, length in lengths.items() if length > LONGEST_FILE} == {}
+
+
+def test_entry_points_fit_on_a_screen():
+    lengths = {where(path): len(path.read_text(encoding="utf-8").splitlines()) for path in (ROOT / "src").glob("*.py")}
+    assert {name: length for name, length in lengths.items() if length > LONGEST_ENTRY_POINT} == {}
+
+
+def test_functions_are_short():
+    """Docstrings do not count."""
+    long = {}
+    for path in SOURCES:
+        for node in definitions(path):
+            if isinstance(node, ast.FunctionDef):
+                body = node.body[1:] if ast.get_docstring(node) else node.body
+                length = body[-1].end_lineno - body[0].lineno + 1 if body else 0
+                if length > LONGEST_FUNCTION:
+                    long[f"{where(path)}: {node.name}"] = length
+    assert long == {}
+
+
+def test_everything_public_has_a_docstring():
+    """Modules, classes, functions; methods and entry points may be explained by their name and their module."""
+    silent = []
+    for path in SOURCES:
+        module = ast.parse(path.read_text(encoding="utf-8"))
+        if module.body and not ast.get_docstring(module):
+            silent.append(where(path))
+        for node in module.body:
+            public = isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
+            if public and node.name != "main" and path.parent != ROOT / "src" and not ast.get_docstring(node):
+                silent.append(f"{where(path)}: {node.name}")
+    assert silent == []
+
+
+@pytest.mark.parametrize("word", BANNED_WORDS)
+def test_words_of_other_fields_are_not_used(word):
+    """Whole words, and parts of names between underscores."""
+    found = matches([*SOURCES, *CONFIGS], rf"(?i)(?<![a-z:]){word}(?![a-z])")
+    found = [line for line in found if not re.search(r"^conf/[^:]*:\d+: template: ", line)]  # of Hydra's help
+    assert found == [], f"say: {BANNED_WORDS[word]}"
+
+
+def test_no_file_is_a_drawer():
+    assert [where(path) for path in SOURCES if {path.stem, path.parent.name} & BANNED_FILES] == []
+
+
+def test_user_errors_are_raised_not_asserted():
+    asserts = [
+        f"{where(path)}:{node.lineno}"
+        for path in SOURCES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Assert)
+    ]
+    assert asserts == []
+
+
+def test_no_exception_is_swallowed_bare():
+    assert matches(SOURCES, r"except\s*:") == []
+
+
+def test_nothing_belongs_to_one_machine():
+    assert matches(TEXTS, r"(?<![\w.}$])/(work|farm|root|tmp|home|Users)/") == []
+
+
+def test_no_pickle_is_read():
+    assert matches(SOURCES, r"pickle\.load|weights_only=False|allow_pickle=True|import pickle") == []
+
+
+def test_nothing_is_unfinished():
+    assert matches([*SOURCES, *CONFIGS], r"\b(TODO|FIXME|XXX|NotImplementedError)\b") == []
+
+
+def test_blender_and_the_file_format_do_not_load_torch():
+    light = ["blender", "config", "data.schema", "data.hdf5", "scene.mesh", "scene.grid"]
+    code = f"import sys, {', '.join(f'drape.{name}' for name in light)}; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], env=environment(), check=False).returncode == 0
+
+
+def test_layers_are_kept():
+    report = tool("importlinter.cli", "lint_imports_command")
+    assert report.returncode == 0, report.stdout[-3000:]
+    assert "0 broken" in report.stdout
+
+
+def test_the_linter_is_content():
+    report = subprocess.run(
+        [sys.executable, "-m", "ruff", "check", "--no-cache", "--output-format", "concise", "src", "tests"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )
+    assert report.returncode == 0, report.stdout[-3000:]
+
+
+def tool(module: str, command: str) -> subprocess.CompletedProcess:
+    """Run a command of a package in this interpreter, in the repository."""
+    code = f"import sys; from {module} import {command}; sys.argv = ['tool']; sys.exit({command}())"
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment(), capture_output=True, text=True, check=False
+    )
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT / "src")}
