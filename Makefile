@@ -2,9 +2,9 @@
 PYTHON ?= python3.11
 VENV   ?= .venv
 DATA   ?= cloth
-# one machine-wide PyTorch for all of this: the CPU build, whose index is asked beside the usual one
+# installed before everything else, so that nothing brings another build
 TORCH       ?= torch==2.13.0
-TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+
 
 RUN := PYTHONPATH=src $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
@@ -22,7 +22,7 @@ install: $(INSTALLED)  ## virtual environment with everything in it
 
 $(INSTALLED): pyproject.toml | $(VENV)/bin/python system-libraries
 	@echo "installing into $(VENV): PyTorch first, in its CPU build (about 3 minutes in all)"
-	$(VENV)/bin/pip install --retries 1 --extra-index-url $(TORCH_INDEX) "$(TORCH)"
+	$(VENV)/bin/pip install "$(TORCH)"
 	$(VENV)/bin/pip install --editable ".[blender,dev]"
 	@touch $@
 

@@ -10,6 +10,8 @@ from rich.console import Console
 from drape import config as conf
 from drape.report.curves import draw_curves
 from drape.report.document import document, settings_of, tables
+from drape.report.energy_map import draw_energy_map
+from drape.report.learned import learned_energies, learned_fabrics
 from drape.report.provenance import describe_setting, missing
 from drape.report.runs import find_runs
 from drape.report.trade import draw_trade
@@ -27,11 +29,15 @@ def main(config: DictConfig) -> None:
         console.print(f"missing: {command}", soft_wrap=True)
     output.mkdir(parents=True, exist_ok=True)
     (output / "tables.md").write_text(document(runs, config.ablations, config.seeds))
-    draw_trade(runs, output / "trade.png")
+    figures = [draw_trade(runs, output / "trade.png")]
+    energies = learned_energies(found)
+    if energies:
+        fabrics = learned_fabrics(found, config.map_fabrics)
+        figures.append(draw_energy_map(energies, fabrics, output / "energy_map.png"))
     for run in runs:
         if (run.folder / "metrics.csv").is_file():
             draw_curves(run.folder / "metrics.csv", run.folder / "figures" / "curves.png")
-    console.print(f"{len(runs)} runs: {output / 'tables.md'}, {output / 'trade.png'}", soft_wrap=True)
+    console.print(f"{len(runs)} runs:", *(str(path) for path in [output / "tables.md", *figures]), soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -12,6 +13,8 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from drape.config import check_ablation, check_config, entry_point, instantiate, main, set_statistics
+from drape.config.accepts import accepts
+from drape.config.target import locate
 from drape.errors import DrapeError
 
 HERE = __name__
@@ -26,6 +29,11 @@ class Speed(Part):
         if sigma < 0:
             raise ValueError(f"sigma is {sigma}; expected a positive length")
         self.sigma = sigma
+
+
+class Rate(Part):
+    def __init__(self, factor: float):
+        self.factor = factor
 
 
 class Stretch:
@@ -62,10 +70,12 @@ PAGES = {
     "model/one_part.yaml": "{_target_: HERE.Net, width: 8}",
     "model/dissipation/speed.yaml": "{_target_: HERE.Speed, sigma: 1.0}",
     "model/dissipation/zero.yaml": "# @package _global_",
+    "model/dissipation/rate.yaml": "{_target_: HERE.Rate, factor: 2.0}",
     "scale/small.yaml": "width: 8",
     "loss/all.yaml": "balance: {_target_: HERE.Speed}",
     "ablation/none.yaml": "# @package _global_",
     "ablation/no_dissipation.yaml": "# @package _global_\ndefaults: [{override /model/dissipation: zero}]",
+    "ablation/other_dissipation.yaml": "# @package _global_\ndefaults: [{override /model/dissipation: rate}]",
     "ablation/narrow.yaml": "# @package _global_\nmodel: {width: 4}",
     "ablation/misspelt.yaml": "# @package _global_\nmodel: {disipation: null}",
     "ablation/inert.yaml": "# @package _global_\nseed: 0",
@@ -192,6 +202,15 @@ class TestCheck:
         expected = "conf: model.dissipation.sgima: Speed has no argument 'sgima'; did you mean 'sigma'?"
         assert problems({"width": 3, "dissipation": nested}) == expected
 
+    def test_a_node_used_twice_is_told_once(self):
+        text = problems({"width": 3, "dissipation": {"_target_": f"{HERE}.Speed", "sgima": 1.0}}, loss="${model}")
+        assert len(text.splitlines()) == 1
+
+    def test_a_borrowed_node_must_fit_where_it_is_used(self):
+        loss = {"_target_": f"{HERE}.Net", "width": 3, "dissipation": "${scale.part}"}
+        text = problems({"width": 3}, loss=loss, scale={"part": {"_target_": f"{HERE}.Stretch"}})
+        assert f"loss.dissipation: found {HERE}.Stretch" in text
+
     def test_statistics_may_come_later(self):
         node = {"_target_": f"{HERE}.Net", "width": 3, "rate": "${statistics:speed}"}
         config = OmegaConf.create({"model": node})
@@ -213,6 +232,31 @@ class TestCheck:
         assert "Trainer has no argument 'max_step'; did you mean 'max_steps'?" in text
         assert "model.deterministic: found 'yes' (str)" in text
         assert "loss.adam.lr: found 'fast' (str)" in text
+
+
+@pytest.mark.parametrize(
+    ("annotation", "value", "fits"),
+    [
+        (Literal[1, 2], 1, True),
+        (Literal[1, 2], True, False),
+        (tuple[float, float], [0.9, 1], True),
+        (tuple[float, float], [0.9], False),
+        (tuple[int, ...], [1, 2, 3], True),
+        (Path, "runs", True),
+        (Path, 3, False),
+        (dict[str, float], {"a": 1.0}, True),
+        (dict[str, float], {"a": "b"}, False),
+        (str, ["a"], False),
+        (float, {"a": 1}, False),
+        (float | None, None, True),
+        (Callable[[int], int], {"_target_": "builtins.abs", "_partial_": True}, True),
+        (float, {"_target_": "builtins.abs", "_partial_": True}, False),
+        (Part, {"_target_": f"{HERE}.Speed", "_partial_": True}, False),
+        ("NotImported", 3, True),
+    ],
+)
+def test_values_and_annotations(annotation, value, fits):
+    assert accepts(annotation, value, locate) is fits
 
 
 class TestEntryPoint:
@@ -299,8 +343,9 @@ class TestAblation:
         assert run(function) == 0
         assert run(function, "ablation=no_dissipation") == 0
         assert run(function, "ablation=[no_dissipation,narrow]") == 0
+        assert run(function, "ablation=other_dissipation") == 0
         assert run(function, "ablation=narrow", "model=one_part") == 0
-        assert seen == [(8, True), (8, False), (4, False), (4, False)]
+        assert seen == [(8, True), (8, False), (4, False), (8, True), (4, False)]
 
     def test_a_multirun_checks_each_run(self, run, tmp_path):
         assert run(lambda config: check_ablation(), "-m", "ablation=none,narrow,no_dissipation") == 0

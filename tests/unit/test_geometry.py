@@ -114,6 +114,19 @@ def test_the_sign_of_the_hinge_follows_the_side_of_the_fold(small_cloth):
     assert angle(up).abs().max() > 0.1
 
 
+def test_hinges_are_positive_where_the_cloth_bends_away_from_its_normals_however_it_is_numbered():
+    """The sign of θ must not depend on the order of the faces or on the corner that a face begins with."""
+    grid, random = square_grid(1.0, 8), np.random.default_rng(0)
+    faces = np.stack([np.roll(corners, random.integers(3)) for corners in grid.faces])
+    for numbered in (grid.faces, random.permutation(faces)):
+        mesh = of(ClothMesh.from_faces(grid.rest_positions, numbered))
+        x, y, _ = mesh.rest_positions.unbind(-1)
+        convex = EdgeGeometry(torch.stack([x.sin(), y, x.cos()], -1), mesh)
+        theta = angle(convex.hinge)[~mesh.boundary]
+        assert theta.min() > -1e-6
+        assert theta.max().item() == pytest.approx(1 / 7, rel=1e-6)
+
+
 def test_the_order_of_the_ends_does_not_matter(cloth_batch):
     x = bent(cloth_batch.rest_positions)
     swapped = replace(cloth_batch, edges=cloth_batch.edges.flip(-1))

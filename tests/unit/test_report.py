@@ -14,9 +14,9 @@ from drape.report.curves import draw_curves, panels, read_curves
 from drape.report.document import document, settings_of, tables
 from drape.report.energy_map import POINTS, draw_energy_map, sample_map
 from drape.report.provenance import missing
-from drape.report.runs import configurations, find_runs
+from drape.report.runs import Configuration, configurations, find_runs
 from drape.report.table import Table, number
-from drape.report.tables import energy_error_table, force_table, orderings, paper
+from drape.report.tables import arranged, energy_error_table, force_table, orderings, paper
 from drape.report.trade import draw_trade
 
 ABLATIONS = ("none", "no_dissipation", "no_contrastive")
@@ -29,7 +29,7 @@ def record(ablation: str, seed: int, *, loss: str = "paper", width: int = 128, *
         model="eunet",
         ablation=ablation,
         seed=seed,
-        variant={"potential": "mlp", "loss": loss},
+        variant={"potential": "mlp", "dissipation": "zero" if ablation == "no_dissipation" else "speed", "loss": loss},
         setting={"data": "cloth", "material": "all", "scale": "cpu", "width": width, "steps": 100},
         metrics={
             "energy_error_J2/silk": silk,
@@ -59,12 +59,16 @@ def record(ablation: str, seed: int, *, loss: str = "paper", width: int = 128, *
 RUNS = [record(ablation, seed) for ablation in ABLATIONS for seed in (0, 1, 2)]
 
 
+def _found(runs: list[RunRecord]) -> list[Configuration]:
+    return arranged(configurations(runs), ABLATIONS)
+
+
 def rows_of(table: Table) -> dict[str, tuple[str, ...]]:
     return {row[0]: row[1:] for row in table.rows}
 
 
 def test_papers_numbers_stand_beside_ours():
-    table = energy_error_table(configurations(RUNS, ABLATIONS))
+    table = energy_error_table(_found(RUNS))
     assert table.columns == ("configuration", "seeds", "overall", "silk")
     assert [row[0] for row in table.rows[::2]] == ["EUNet", "EUNet w/o Φd", "EUNet w/o L_con"]
     assert table.rows[0][1:] == ("3", "10.00 ± 30.00 (9.00…11.00)", "1.00 ± 2.00 (0.90…1.10)")
@@ -81,33 +85,42 @@ def test_papers_numbers_are_those_of_its_table():
 
 
 def test_another_loss_is_another_row_without_the_papers_numbers():
-    found = configurations([*RUNS, record("none", 0, loss="forces")], ABLATIONS)
+    found = _found([*RUNS, record("none", 0, loss="forces")])
     rows = rows_of(energy_error_table(found))
     assert rows["EUNet (loss=forces)"] == ("1", "9.00 ± 27.00", "0.90 ± 1.80")
-    assert len(energy_error_table(found).rows) == 7
+    assert [row[0] for row in energy_error_table(found).rows[-2:]] == ["– in the paper", "EUNet (loss=forces)"]
+
+
+def test_another_model_comes_last_under_its_own_name():
+    stable = dataclasses.replace(record("no_dissipation", 0), model="eunet_stable")
+    unknown = dataclasses.replace(record("none", 0), model="springs", variant={})
+    rows = [row[0] for row in force_table(_found([unknown, stable, *RUNS])).rows]
+    assert rows[2:] == ["EUNet", "EUNet w/o Φd", "EUNet w/o L_con", "Stable EUNet w/o Φd", "springs"]
 
 
 def test_force_table_begins_with_nothing_and_the_law():
-    table = force_table(configurations(RUNS, ABLATIONS))
+    table = force_table(_found(RUNS))
     assert [row[0] for row in table.rows[:3]] == ["no internal force", "fitted mass-spring law", "EUNet"]
     assert table.rows[1][2:] == ("1.20", "0.20")
 
 
 def test_orderings_say_when_seeds_overlap():
-    rows = rows_of(orderings(configurations(RUNS, ABLATIONS)))
+    rows = rows_of(orderings(_found(RUNS)))
     assert rows["EUNet < EUNet w/o Φd"][1] == "yes (1.00 / 4.00)"
     assert rows["EUNet < EUNet w/o L_con"][1] == "open (1.00 / 1.10)"
+    single = rows_of(orderings(_found([RUNS[0], RUNS[3]])))
+    assert single["EUNet < EUNet w/o Φd"][1] == "open (0.90 / 3.90)"
     worse = [dataclasses.replace(run, metrics=run.metrics | {"energy_error_J2/silk": 9.0}) for run in RUNS[:3]]
-    rows = rows_of(orderings(configurations([*worse, *RUNS[3:]], ABLATIONS)))
+    rows = rows_of(orderings(_found([*worse, *RUNS[3:]])))
     assert rows["EUNet < EUNet w/o Φd"][1] == "no (9.00 / 4.00)"
 
 
 def test_missing_runs_are_named_with_their_command():
-    found = configurations([run for run in RUNS if (run.ablation, run.seed) != ("no_dissipation", 2)], ABLATIONS)
+    found = _found([run for run in RUNS if (run.ablation, run.seed) != ("no_dissipation", 2)])
     assert missing(found, ABLATIONS, (0, 1, 2)) == [
         "python src/train.py loss=paper scale=cpu ablation=no_dissipation seed=2"
     ]
-    other = configurations([record("none", 0, loss="forces")], ABLATIONS)
+    other = _found([record("none", 0, loss="forces")])
     assert missing(other, ("none",), (4,)) == ["python src/train.py model=eunet ablation=none seed=4"]
 
 

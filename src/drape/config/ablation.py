@@ -51,7 +51,7 @@ def compare_ablations(compose: Compose, overrides: list[str], names: list[str], 
                 f"choose another {group}, or {group}={NONE}"
             )
         changed = {key for key in _choices(ablated) if _choices(base).get(key) != _choices(ablated)[key]}
-        nodes = {key.strip("/").replace("/", ".") for key in changed}
+        nodes = {key.rpartition("@")[2].removeprefix("_global_.").replace("/", ".") for key in changed}
         for path, siblings in _added(_plain(base, group), _plain(ablated, group)):
             if not any(path == node or path.startswith(f"{node}.") for node in nodes):
                 hint = did_you_mean(path.rpartition(".")[2], siblings)

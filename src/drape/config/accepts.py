@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import os
 import types
@@ -44,9 +45,7 @@ def _mapping(kind: type, arguments: tuple, value: Mapping, locate: Callable[[str
         fits = _true_in_doubt(lambda: issubclass(dict, kind))
         inner = arguments[1] if len(arguments) == 2 else Any
         return fits and all(accepts(inner, member, locate) for member in value.values())
-    target = locate(value["_target_"])
-    if value.get("_partial_"):
-        return kind not in SCALARS
+    target = functools.partial if value.get("_partial_") else locate(value["_target_"])
     return not inspect.isclass(target) or _true_in_doubt(lambda: issubclass(target, kind))
 
 

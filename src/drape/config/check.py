@@ -63,6 +63,10 @@ def contents_nodes(contents: str) -> set[str]:
     return nodes
 
 
+class _Borrowed(dict):
+    """A node that stands elsewhere, ``${model}``, and is checked there."""
+
+
 def _plain(node: Container, path: str, problems: list[str]) -> Any:
     """``node`` as plain lists and dicts, UNKNOWN for values that come later; values without a value are reported."""
     is_dict = isinstance(node, DictConfig)
@@ -79,7 +83,12 @@ def _plain(node: Container, path: str, problems: list[str]) -> Any:
             if not _comes_later(error):
                 problems.append(_why_unresolved(where, error))
             continue
-        plain[key] = _plain(value, where, problems) if isinstance(value, Container) else value
+        if not isinstance(value, Container):
+            plain[key] = value
+        elif OmegaConf.is_interpolation(node, key):
+            plain[key] = _Borrowed(_plain(value, where, [])) if isinstance(value, DictConfig) else UNKNOWN
+        else:
+            plain[key] = _plain(value, where, problems)
     return plain if is_dict else list(plain.values())
 
 
@@ -93,7 +102,7 @@ def _why_unresolved(path: str, error: BaseException) -> str:
 
 
 def _walk(tree: Any, path: str, supplied: Mapping[str, Collection[str]]) -> Iterator[str]:
-    if not isinstance(tree, dict | list):
+    if not isinstance(tree, dict | list) or isinstance(tree, _Borrowed):
         return
     members = tree.items() if isinstance(tree, dict) else enumerate(tree)
     for key, value in members:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import functools
 import os
 import sys
@@ -24,6 +23,8 @@ CONF = Path(__file__).parents[3] / "conf"
 """The folder of the contents pages and their groups."""
 REFUSED = 2
 """Exit status when the user can put it right."""
+FULL_DISK = ("No space left on device", "PytorchStreamWriter failed writing")
+"""What the system, HDF5 and PyTorch say of it."""
 INTERRUPTED = 130
 """Exit status after Ctrl+C, as shells count it."""
 
@@ -79,8 +80,7 @@ def refusal(error: BaseException) -> str | None:
             return str(cause)
         if isinstance(cause, HydraException) and not isinstance(cause, InstantiationException):
             return _composition(cause)
-        full = isinstance(cause, OSError) and (cause.errno == errno.ENOSPC or "No space left" in str(cause))
-        if full or "PytorchStreamWriter failed writing" in str(cause):
+        if any(words in str(cause) for words in FULL_DISK):
             return f"cannot write: {cause}; make space on the disk and run the same command again"
     return None
 

@@ -6,18 +6,19 @@ from collections.abc import Callable
 
 import torch
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 
 from drape.energy.deformation import Deformation
 from drape.energy.dissipation_speed import SLOWEST
-from drape.energy.quadratic import LearnedCoefficients
+from drape.energy.quadratic import BASE_WIDTH, LearnedCoefficients
 from drape.energy.units import DissipationUnits
-from drape.nets.mlp import EnergyNet
+from drape.nets.mlp import EnergyNet, feed_forward
 from drape.scene.geometry import EdgeGeometry, safe_norm
+from drape.scene.material import ATTRIBUTES
 
 
 class RateDissipation(DissipationUnits):
-    """``φd = energy_scale · Σ_k c_k q_k`` and ``lost = energy_scale · Σ_k b_k q_k``; (b, c) = base(a) + net(asinh z, a).
+    """``φd = energy_scale · Σ_k c_k q_k``, c = base(a) + net(asinh z, a), and ``lost = energy_scale · Σ_k b_k(a) q_k``.
 
     The q are the squares of the changes of z = (Δl/stretch_scale, sin and cos of Δα, Δβ) over the step (internal
     damping), the product of the change of length and the present Δl with the turn of the edge, ``Δl (l' - e'·d)``
@@ -43,7 +44,9 @@ class RateDissipation(DissipationUnits):
     ):
         super().__init__()
         self.deformation = deformation
-        self.coefficients = LearnedCoefficients(net, 2 * deformation.size + 1, 2 * (deformation.size + 2), 0.0)
+        self.coefficients = LearnedCoefficients(net, 2 * deformation.size + 1, deformation.size + 2, 0.0)
+        self.lost = feed_forward([len(ATTRIBUTES), BASE_WIDTH, BASE_WIDTH, deformation.size + 2])
+        nn.init.zeros_(self.lost[-1].bias)
         self.stretch_scale = stretch_scale
         self.speed_scale = speed_scale
         self.area_scale = area_scale
@@ -68,7 +71,7 @@ class RateDissipation(DissipationUnits):
         before, change = inputs[:, :size] / scale, inputs[:, size : 2 * size] / scale
         turn, air, speed = inputs[:, 2 * size :].unbind(-1)
         seen = torch.cat([before, change, speed[:, None]], -1)
-        coefficients = self.coefficients(torch.asinh(seen), attributes).double().unflatten(-1, (2, size + 2))
         quantities = torch.cat([change.square(), turn[:, None], air[:, None]], -1)
-        potential, lost = (coefficients * quantities[:, None]).sum(-1).unbind(-1)
+        potential = (self.coefficients(torch.asinh(seen), attributes).double() * quantities).sum(-1)
+        lost = (self.lost(attributes.to(self.lost[0].weight.dtype)).double() * quantities).sum(-1)
         return self.energy_scale * potential, self.energy_scale * lost

@@ -8,13 +8,13 @@ from drape.metrics.record import RunRecord
 from drape.report.provenance import describe_setting, missing, provenance
 from drape.report.runs import Configuration, by_setting, configurations
 from drape.report.table import Table
-from drape.report.tables import energy_error_table, force_table, is_papers, orderings, paper, quantity_tables
+from drape.report.tables import arranged, energy_error_table, force_table, is_papers, orderings, paper, quantity_tables
 
 
 def settings_of(runs: Sequence[RunRecord], ablations: Sequence[str]) -> list[list[Configuration]]:
     """Comparable configurations together; first those with the most runs of the paper's configurations."""
-    groups = by_setting(configurations(runs, ablations))
-    return sorted((found for _, found in groups), key=lambda found: -sum(len(c.runs) for c in found if is_papers(c)))
+    groups = [arranged(found, ablations) for found in by_setting(configurations(runs))]
+    return sorted(groups, key=lambda found: -sum(len(c.runs) for c in found if is_papers(c)))
 
 
 def tables(found: Sequence[Configuration]) -> list[Table]:

@@ -46,12 +46,12 @@ def command(run: RunRecord, ablation: str, seed: str) -> str:
 def missing(found: Sequence[Configuration], ablations: Sequence[str], seeds: Sequence[int]) -> list[str]:
     """Commands of the runs that the paper's table still lacks, of comparable settings."""
     ours = {c.ablation: c for c in found if is_papers(c)}
-    template = next(iter(ours.values())).runs[0] if ours else None
+    sibling = next(iter(ours.values())).runs[0] if ours else None
     commands = []
     for ablation in ablations:
         for seed in seeds:
             if ablation in ours and seed in ours[ablation].seeds:
                 continue
             default = f"{COMMAND} model={paper()['model']} ablation={ablation} seed={seed}"
-            commands.append(command(template, ablation, str(seed)) if template else default)
+            commands.append(command(sibling, ablation, str(seed)) if sibling else default)
     return commands

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,23 +70,17 @@ class Configuration:
         return Spread(statistics.fmean(values), min(values), max(values)) if values else None
 
 
-def configurations(runs: Iterable[RunRecord], order: Sequence[str] = ()) -> list[Configuration]:
-    """Group runs; ablations in the given ``order``, then by name."""
+def configurations(runs: Iterable[RunRecord]) -> list[Configuration]:
+    """Group runs that differ by their seed only."""
     groups: dict[tuple, list[RunRecord]] = {}
     for run in runs:
         groups.setdefault(_identity(run), []).append(run)
-    rank = {name: k for k, name in enumerate(order)}
-
-    def place(group: list[RunRecord]) -> tuple:
-        run = group[0]
-        return run.model, sorted(run.variant.items()), rank.get(run.ablation, len(rank)), run.ablation
-
-    return [Configuration(tuple(group)) for group in sorted(groups.values(), key=place)]
+    return [Configuration(tuple(group)) for _, group in sorted(groups.items(), key=lambda item: repr(item[0]))]
 
 
-def by_setting(found: Iterable[Configuration]) -> list[tuple[Mapping[str, str | int], list[Configuration]]]:
+def by_setting(found: Iterable[Configuration]) -> list[list[Configuration]]:
     """Configurations that may be compared, together."""
     groups: dict[tuple, list[Configuration]] = {}
     for configuration in found:
-        groups.setdefault(tuple(sorted(configuration.setting.items(), key=str)), []).append(configuration)
-    return [(group[0].setting, group) for _, group in sorted(groups.items(), key=str)]
+        groups.setdefault(tuple(sorted(configuration.setting.items())), []).append(configuration)
+    return [group for _, group in sorted(groups.items(), key=lambda item: repr(item[0]))]

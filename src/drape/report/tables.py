@@ -29,19 +29,37 @@ def paper() -> Mapping[str, Any]:
     return yaml.safe_load((resources.files("drape.report") / "paper.yaml").read_text())
 
 
+def departures(configuration: Configuration) -> dict[str, str]:
+    """Choices in which a configuration differs from the paper's way, other than by its ablation."""
+    expected = paper()["variant"] | paper()["ablated"].get(configuration.ablation, {})
+    return {name: choice for name, choice in configuration.variant.items() if expected.get(name) != choice}
+
+
 def is_papers(configuration: Configuration) -> bool:
     """Whether the paper has a number for this configuration."""
-    same = configuration.model == paper()["model"] and dict(configuration.variant) == paper()["variant"]
+    same = configuration.model == paper()["model"] and not departures(configuration)
     return same and configuration.ablation in paper()["rows"]
 
 
 def label(configuration: Configuration) -> str:
-    """Name of a configuration: the paper's, and what differs from the paper's way."""
-    known = configuration.model == paper()["model"] and configuration.ablation in paper()["names"]
-    name = paper()["names"][configuration.ablation] if known else f"{configuration.model}, {configuration.ablation}"
-    usual = paper()["variant"]
-    other = [f"{key}={value}" for key, value in configuration.variant.items() if usual.get(key) != value]
-    return f"{name} ({', '.join(other)})" if other else name
+    """Name of a configuration: model, what was taken away, and what differs from the paper's way."""
+    model = paper()["models"].get(configuration.model, configuration.model)
+    ablation = paper()["ablations"].get(configuration.ablation, configuration.ablation)
+    other = ", ".join(f"{name}={choice}" for name, choice in departures(configuration).items())
+    return " ".join(filter(None, (model, ablation, f"({other})" if other else "")))
+
+
+def arranged(found: Sequence[Configuration], ablations: Sequence[str]) -> list[Configuration]:
+    """The paper's way first, the ablations of a model together and in the given order."""
+    rank = {name: place for place, name in enumerate(ablations)}
+
+    def place(configuration: Configuration) -> tuple:
+        other = departures(configuration)
+        known = list(paper()["models"])
+        model = known.index(configuration.model) if configuration.model in known else len(known)
+        return model, configuration.model, sorted(other.items()), rank.get(configuration.ablation, len(rank))
+
+    return sorted(found, key=place)
 
 
 def columns(found: Sequence[Configuration], key: str) -> list[str]:
@@ -99,13 +117,13 @@ def orderings(found: Sequence[Configuration]) -> Table:
     ours = {c.ablation: c for c in found if is_papers(c)}
     names = columns(list(ours.values()), "energy_error_J2") if ours else []
     rows = [
-        (f"{paper()['names'][first]} < {paper()['names'][second]}", *_verdicts(ours[first], ours[second], names))
+        (f"{label(ours[first])} < {label(ours[second])}", *_verdicts(ours[first], ours[second], names))
         for first, second in paper()["orderings"]
         if first in ours and second in ours
     ]
     note = (
         "Mean over seeds of the first / of the second. yes: all seeds of the first below all of the second; "
-        "no: all above; open: the seeds overlap."
+        "no: all above; open: the seeds overlap, or there is only one."
     )
     return Table("Orderings of the paper", ("claim", *names), tuple(rows), note)
 
@@ -117,7 +135,9 @@ def _verdicts(first: Configuration, second: Configuration, names: Sequence[str])
         if a is None or b is None:
             cells.append("")
             continue
+        several = min(len(first.seeds), len(second.seeds)) > 1
         verdict = "yes" if a.highest < b.lowest else "no" if a.lowest > b.highest else "open"
+        verdict = verdict if several else "open"
         cells.append(f"{verdict} ({number(a.mean)} / {number(b.mean)})")
     return cells
 

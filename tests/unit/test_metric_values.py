@@ -147,8 +147,13 @@ def test_mass_spring_residual_is_that_of_the_law():
 
 def test_rest_state_of_springs_that_prefer_another_length():
     metric = RestState(FABRICS)
-    metric.update(step(window([0, 1]), offset=-7.0, shift=0.002))
+    for seed in range(2):  # the second batch has nothing new
+        metric.update(step(window([0, 1], seed), offset=-7.0, shift=0.002))
+    assert metric.edges.tolist() == [56, 56]
     result = metric.compute()
+    assert result["rest_energy_J/overall"] == pytest.approx(
+        (result["rest_energy_J/silk"] + result["rest_energy_J/denim"]) / 2
+    )
     assert result["rest_energy_J/silk"] == pytest.approx(7.0 - 0.5 * 300 * 0.002**2, rel=1e-6)
     assert result["rest_above_minimum_J/silk"] == pytest.approx(0.5 * 300 * 0.002**2, rel=1e-4)
     assert result["rest_above_minimum_J/denim"] == pytest.approx(0.5 * 2000 * 0.002**2, rel=1e-4)
