@@ -21,12 +21,12 @@ NET = partial(EnergyNet, width=16, blocks=1, layers_per_block=2)
 
 POTENTIALS = {
     "mlp": lambda deformation: MLPPotential(deformation, NET, stretch_scale=0.01, energy_scale=0.1),
-    "stable": lambda deformation: StablePotential(deformation, NET, stretch_scale=0.01, energy_scale=0.1),
+    "stable": lambda deformation: StablePotential(deformation, 16, stretch_scale=0.01, energy_scale=0.1),
 }
 DISSIPATIONS = {
     "none": lambda _: None,
     "speed": lambda _: SpeedDissipation(NET, speed_scale=1.0, energy_scale=0.1),
-    "rate": lambda deformation: RateDissipation(deformation, NET, 0.01, 1.0, 0.02, 0.1),
+    "rate": lambda deformation: RateDissipation(deformation, 16, 0.01, 1.0, 0.02, 0.1),
 }
 DEFORMATIONS = {"stretch": Stretch, "stretch_bending": StretchBending}
 ENERGIES = [(p, d, f) for p in POTENTIALS for d in DISSIPATIONS for f in DEFORMATIONS]

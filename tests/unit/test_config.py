@@ -26,6 +26,8 @@ class Part:
 
 class Speed(Part):
     def __init__(self, sigma: float = 1.0):
+        if sigma == 0:
+            raise DrapeError("no noise at all")
         if sigma < 0:
             raise ValueError(f"sigma is {sigma}; expected a positive length")
         self.sigma = sigma
@@ -60,7 +62,9 @@ PAGES = {
         defaults: [model: two_parts, loss: all, scale: small, ablation: none, _self_,
                    {override hydra/job_logging: none}, {override hydra/hydra_logging: none}]
         seed: 0
-        hydra: {run: {dir: "RUNS/${joined:ablation}"}, sweep: {dir: RUNS, subdir: "${joined:ablation}"}}
+        hydra:
+          run: {dir: "RUNS/${joined:ablation}"}
+          sweep: {dir: "RUNS/${joined:scale}", subdir: "${joined:ablation}"}
     """,
     "model/two_parts.yaml": """
         defaults: [dissipation: speed]
@@ -71,7 +75,7 @@ PAGES = {
     "model/dissipation/speed.yaml": "{_target_: HERE.Speed, sigma: 1.0}",
     "model/dissipation/zero.yaml": "# @package _global_",
     "model/dissipation/rate.yaml": "{_target_: HERE.Rate, factor: 2.0}",
-    "scale/small.yaml": "width: 8",
+    "scale/small.yaml": "{width: 8, name: small}",
     "loss/all.yaml": "balance: {_target_: HERE.Speed}",
     "ablation/none.yaml": "# @package _global_",
     "ablation/no_dissipation.yaml": "# @package _global_\ndefaults: [{override /model/dissipation: zero}]",
@@ -116,7 +120,8 @@ def run(conf, monkeypatch):
 
 def problems(model: dict, **others: object) -> str:
     """What check_config says of a config with this node ``model``."""
-    config = OmegaConf.create({"model": {"_target_": f"{HERE}.Net", **model}, "scale": {"width": 8}, **others})
+    tree = {"model": {"_target_": f"{HERE}.Net", **model}, "scale": {"width": 8, "name": "small"}, **others}
+    config = OmegaConf.create(tree)
     with pytest.raises(DrapeError) as caught:
         check_config(config, contents="app")
     return str(caught.value)
@@ -162,6 +167,7 @@ class TestCheck:
         ("values", "told"),
         [
             ({"width": "abc"}, "model.width: found 'abc' (str); Net expects int"),
+            ({"width": "${scale.name}"}, "found 'small' (str); Net expects int (the value is that of ${scale.name})"),
             ({"width": 3.5}, "model.width: found 3.5 (float); Net expects int"),
             ({"width": True}, "model.width: found True (bool); Net expects int"),
             ({"width": None}, "model.width: found None (NoneType); Net expects int"),
@@ -274,6 +280,8 @@ class TestEntryPoint:
         assert run(function, "model.dissipation.sigma=-1") == 2
         told = capsys.readouterr().err
         assert told == "error: conf: model.dissipation: sigma is -1; expected a positive length\n"
+        assert run(function, "model.dissipation.sigma=0") == 2
+        assert capsys.readouterr().err == "error: no noise at all\n"
 
     def test_a_fault_of_the_program_keeps_its_traceback(self, run):
         with pytest.raises(ZeroDivisionError):
@@ -349,7 +357,7 @@ class TestAblation:
 
     def test_a_multirun_checks_each_run(self, run, tmp_path):
         assert run(lambda config: check_ablation(), "-m", "ablation=none,narrow,no_dissipation") == 0
-        assert {"none", "narrow", "no_dissipation"} <= {path.name for path in (tmp_path / "runs").iterdir()}
+        assert {"none", "narrow", "no_dissipation"} <= {path.name for path in (tmp_path / "runs" / "small").iterdir()}
 
     def test_the_run_folder_is_named_after_a_list_of_ablations(self, run, tmp_path):
         assert run(lambda config: None, "ablation=[no_dissipation,narrow]") == 0

@@ -49,6 +49,7 @@ def _cloth_object(rest: np.ndarray, faces: np.ndarray, pinned: np.ndarray, start
     mesh.update()
     cloth = bpy.data.objects.new("cloth", mesh)
     bpy.context.scene.collection.objects.link(cloth)
+    cloth.shape_key_add(name="basis", from_mix=False)  # the first key counts as none when it is the rest shape
     cloth.shape_key_add(name="rest", from_mix=False)
     pose = cloth.shape_key_add(name="start", from_mix=False)
     pose.data.foreach_set("co", np.ascontiguousarray(start, np.float32).reshape(-1))
@@ -59,6 +60,8 @@ def _cloth_object(rest: np.ndarray, faces: np.ndarray, pinned: np.ndarray, start
 
 
 def _cloth_modifier(cloth: bpy.types.Object, settings: Mapping, pinned: np.ndarray, frames: int):
+    # Blender 5.0 hands the rest shape to the cloth only behind another modifier; this one moves nothing.
+    cloth.modifiers.new("rest shape", "WEIGHTED_NORMAL")
     modifier = cloth.modifiers.new("cloth", "CLOTH")
     for name, value in settings.items():
         if name != "preset":

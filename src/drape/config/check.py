@@ -40,7 +40,7 @@ def check_config(
     tree = _plain(config, "", problems)
     problems += _walk(tree, "", supplied or {})
     if problems:
-        raise DrapeError("\n".join(f"conf: {problem}" for problem in dict.fromkeys(problems)))
+        raise DrapeError("\n".join(f"conf: {problem}{_origin(config, problem)}" for problem in dict.fromkeys(problems)))
 
 
 def _foreign_nodes(config: DictConfig, contents: str) -> Iterator[str]:
@@ -61,6 +61,15 @@ def contents_nodes(contents: str) -> set[str]:
         group = next(iter(entry)).split()[-1]
         nodes.add(group.rpartition("@")[2].strip("/").split("/")[0].split(".")[0])
     return nodes
+
+
+def _origin(config: DictConfig, problem: str) -> str:
+    """Where the value at fault was written, if it is an interpolation."""
+    parent, _, key = problem.partition(": found")[0].rpartition(".")
+    node = OmegaConf.select(config, parent) if parent and ": found" in problem else None
+    if not isinstance(node, DictConfig) or not OmegaConf.is_interpolation(node, key):
+        return ""
+    return f" (the value is that of {OmegaConf.to_container(node, resolve=False)[key]})"
 
 
 class _Borrowed(dict):

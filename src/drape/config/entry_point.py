@@ -125,7 +125,7 @@ def instantiate(node: DictConfig, **supplied: object) -> Any:
     except InstantiationException as error:
         for cause in causes(error.__cause__):
             if isinstance(cause, DrapeError):
-                raise cause from error
+                raise DrapeError(str(cause)) from error
             if isinstance(cause, ValueError):
                 where = str(error).rpartition("full_key: ")[2] if "full_key: " in str(error) else node.get("_target_")
                 raise DrapeError(f"conf: {where}: {cause}") from error

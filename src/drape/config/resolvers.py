@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
 from drape.config.sentences import did_you_mean
 from drape.errors import DrapeError
@@ -30,23 +30,28 @@ def set_statistics(values: Mapping[str, float] | None) -> None:
     OmegaConf.register_new_resolver("statistics", statistics, replace=True)
 
 
-def choices(group: str) -> list[str]:
-    """The options of a config group in the Hydra run at hand, one or several.
+def choices(group: str, hydra: DictConfig | None = None) -> list[str]:
+    """The options of a config group, one or several, in the Hydra run at hand or in the given node ``hydra``.
 
     Hydra's own ``runtime.choices`` has no entry for a group given as a list, ``ablation=[a,b]``.
     """
-    config = HydraConfig.get()
-    for override in reversed(OverridesParser.create().parse_overrides(list(config.overrides.task))):
+    hydra = hydra if hydra is not None else HydraConfig.get()
+    for override in reversed(OverridesParser.create().parse_overrides(list(hydra.overrides.task))):
         if override.key_or_group == group and isinstance(override.value(), list):
             return [str(name) for name in override.value()]
-    choice = OmegaConf.to_container(config.runtime.choices).get(group)
+    choice = OmegaConf.to_container(hydra.runtime.choices).get(group)
     return [] if choice is None else [str(choice)]
 
 
-def chosen(group: str) -> str:
-    """``${joined:<group>}``: the options of a group joined by ``+`` in alphabetical order, for names of run folders."""
-    return "+".join(sorted(choices(group)))
+def chosen(group: str, hydra: DictConfig | None = None) -> str:
+    """The options of a config group joined by ``+`` in alphabetical order, for names of run folders."""
+    return "+".join(sorted(choices(group, hydra)))
 
 
-OmegaConf.register_new_resolver("joined", chosen, replace=True)
+def _joined(group: str, *, _root_: DictConfig) -> str:
+    """``${joined:<group>}``: see ``chosen``; also where Hydra has not begun its run, as for the folder of a sweep."""
+    return chosen(group, _root_.get("hydra"))
+
+
+OmegaConf.register_new_resolver("joined", _joined, replace=True)
 set_statistics(None)

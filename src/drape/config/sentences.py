@@ -16,7 +16,9 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def causes(error: BaseException | None) -> Iterator[BaseException]:
-    """An exception and what led to it, also where OmegaConf hides it with ``from None``."""
-    while error is not None:
+    """An exception and what led to it, each once, also where OmegaConf hides it with ``from None``."""
+    seen = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
         yield error
         error = error.__cause__ or error.__context__

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from drape.energy.deformation import Deformation
 from drape.energy.dissipation_speed import SLOWEST
-from drape.energy.quadratic import BASE_WIDTH, LearnedCoefficients
+from drape.energy.quadratic import LearnedCoefficients
 from drape.energy.units import DissipationUnits
-from drape.nets.mlp import EnergyNet, feed_forward
+from drape.nets.mlp import feed_forward
 from drape.scene.geometry import EdgeGeometry, safe_norm
 from drape.scene.material import ATTRIBUTES
 
 
 class RateDissipation(DissipationUnits):
-    """``φd = energy_scale · Σ_k c_k q_k``, c = base(a) + net(asinh z, a), and ``lost = energy_scale · Σ_k b_k(a) q_k``.
+    """``φd = energy_scale · Σ_k c_k q_k``, c = base(a) + bent(asinh z, a), and ``lost = energy_scale · Σ_k b_k(a) q_k``.
 
     The q are the squares of the changes of z = (Δl/stretch_scale, sin and cos of Δα, Δβ) over the step (internal
     damping), the product of the change of length and the present Δl with the turn of the edge, ``Δl (l' - e'·d)``
@@ -36,16 +34,17 @@ class RateDissipation(DissipationUnits):
     def __init__(
         self,
         deformation: Deformation,
-        net: Callable[..., EnergyNet],
+        width: int,
         stretch_scale: float,
         speed_scale: float,
         area_scale: float,
         energy_scale: float,
     ):
         super().__init__()
+        size = deformation.size
         self.deformation = deformation
-        self.coefficients = LearnedCoefficients(net, 2 * deformation.size + 1, deformation.size + 2, 0.0)
-        self.lost = feed_forward([len(ATTRIBUTES), BASE_WIDTH, BASE_WIDTH, deformation.size + 2])
+        self.coefficients = LearnedCoefficients(2 * size + 1, size + 2, width, start=0.0)
+        self.lost = feed_forward([len(ATTRIBUTES), width, width, size + 2])
         nn.init.zeros_(self.lost[-1].bias)
         self.stretch_scale = stretch_scale
         self.speed_scale = speed_scale

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -11,30 +9,28 @@ from torch import Tensor
 from drape.energy.deformation import Deformation
 from drape.energy.quadratic import LearnedCoefficients, squared_norm
 from drape.energy.units import PotentialUnits
-from drape.nets.mlp import EnergyNet
 from drape.scene.geometry import EdgeGeometry
 
 
 class StablePotential(PotentialUnits):
     """``φp = energy_scale · |L(asinh z, a)ᵀ z|²``, z = (Δl/stretch_scale, sin Δα, 1-cos Δα, sin Δβ, 1-cos Δβ).
 
-    The lower-triangular L is ``base(a) + net(asinh z, a)``: near rest the law is the quadratic form of the fabric, and
-    the network, which sees |Δl| over several decades through asinh, only has to learn how it departs from that. That
+    The lower-triangular L is ``base(a) + bent(asinh z, a)``: near rest the law is the quadratic form of the fabric, and
+    the second network, which sees |Δl| over several decades through asinh, only has to learn how it departs from that. That
     φp is zero at rest and never negative is thermodynamics, not a choice of a material law.
 
     Args:
         deformation: what the units see of an edge.
-        net: makes the network from its numbers of inputs and outputs.
+        width: of the networks.
         stretch_scale: typical |Δl| [m].
         energy_scale: [J].
     """
 
-    def __init__(
-        self, deformation: Deformation, net: Callable[..., EnergyNet], stretch_scale: float, energy_scale: float
-    ):
+    def __init__(self, deformation: Deformation, width: int, stretch_scale: float, energy_scale: float):
         super().__init__()
+        size = deformation.size
         self.deformation = deformation
-        self.coefficients = LearnedCoefficients(net, deformation.size, deformation.size * (deformation.size + 1) // 2, 1.0)
+        self.coefficients = LearnedCoefficients(size, size * (size + 1) // 2, width, start=1.0)
         self.stretch_scale = stretch_scale
         self.energy_scale = energy_scale
 

@@ -2,40 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from drape.nets.mlp import EnergyNet, feed_forward
+from drape.nets.mlp import feed_forward
 from drape.scene.material import ATTRIBUTES
-
-BASE_WIDTH = 64
 
 
 class LearnedCoefficients(nn.Module):
-    """``c(z, a) = base(a) + net(z, a)``: coefficients of a fabric, and how they change with the deformation.
+    """``c(z, a) = base(a) + bent(z, a)``: coefficients of a fabric, and how they change with the deformation.
 
-    ``base`` is a small network of the fabric alone. It carries almost everything and is learned in a few hundred
-    steps, since it does not see the heavy-tailed deformation; ``net`` starts at zero and bends the law where the data
-    ask for it.
+    ``base`` sees the fabric alone. It carries almost everything and is learned in a few hundred steps, since the
+    heavy-tailed deformation does not reach it; ``bent`` starts at zero and departs from it where the data ask for it.
+    Both are networks of two hidden layers of the given ``width``: as a correction ``bent`` needs no more, and training
+    on forces differentiates it twice, which is what a step costs.
     """
 
-    def __init__(self, net: Callable[..., EnergyNet], size_in: int, size_out: int, start: float):
+    def __init__(self, size_in: int, size_out: int, width: int, start: float):
         super().__init__()
-        self.net = net(size_in + len(ATTRIBUTES), size_out)
-        self.base = feed_forward([len(ATTRIBUTES), BASE_WIDTH, BASE_WIDTH, size_out])
-        nn.init.zeros_(self.net.head[-1].weight)
-        nn.init.zeros_(self.net.head[-1].bias)
+        self.base = feed_forward([len(ATTRIBUTES), width, width, size_out])
+        self.bent = feed_forward([size_in + len(ATTRIBUTES), width, width, size_out])
         nn.init.constant_(self.base[-1].bias, start)
+        nn.init.zeros_(self.bent[-1].weight)
+        nn.init.zeros_(self.bent[-1].bias)
 
     def forward(
         self, z: Float[Tensor, "edges size"], attributes: Float[Tensor, "edges attributes"]
     ) -> Float[Tensor, "edges out"]:
         """Coefficients of each edge."""
-        base = self.base(attributes.to(self.net.norm.weight.dtype))
-        return base + self.net(torch.cat([z, attributes], -1))
+        seen = torch.cat([z, attributes], -1).to(self.base[0].weight.dtype)
+        return self.base(seen[:, -len(ATTRIBUTES) :]) + self.bent(seen)
 
 
 def squared_norm(
