@@ -314,7 +314,7 @@ class TestEntryPoint:
 
         assert run(interrupted) == 130
         assert run(interrupted_in_lightning) == 130
-        assert capsys.readouterr().err == "interrupted\n" * 2
+        assert capsys.readouterr().err == "interrupted; the same command goes on where this one stopped\n" * 2
 
     def test_other_exit_codes_pass(self, run):
         assert run(lambda config: sys.exit(7)) == 7

@@ -7,12 +7,12 @@ from collections import deque
 import numpy as np
 import pytest
 import torch
-from conftest import bent
 
 from drape.loss.disturbance import HOPS_APART, affected_edges, disturbed_vertices
 from drape.scene.geometry import EdgeGeometry
 from drape.scene.grid import square_grid
 from drape.scene.mesh_batch import MeshBatch
+from tests.conftest import bent
 
 MESHES = {
     "uniform": [square_grid(1.0, 14)],

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from conftest import bent
 from torch import Tensor
 
 from drape.scene.geometry import EdgeGeometry, subtract_angles
 from drape.scene.grid import square_grid
 from drape.scene.mesh import ClothMesh
 from drape.scene.mesh_batch import MeshBatch
+from tests.conftest import bent
 
 QUANTITIES = ("length", "area", "twist", "bend", "hinge", "direction", "midpoint", "vertex_normals")
 

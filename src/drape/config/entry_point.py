@@ -57,7 +57,7 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
             except (KeyboardInterrupt, SystemExit) as stop:
                 if not _interrupted(stop):
                     raise
-                _say("interrupted")
+                _say("interrupted; the same command goes on where this one stopped")
                 sys.exit(INTERRUPTED)
             except Exception as error:
                 sentence = refusal(error)

@@ -1,0 +1,68 @@
+"""A data set that needs no Blender, and the programs run as users run them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drape.data import schema
+from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
+from drape.scene.grid import square_grid
+
+ROOT = Path(__file__).parents[2]
+SETTINGS = dict.fromkeys(schema.MATERIAL_ATTRIBUTES, 1.0)
+FABRICS = {
+    "silk": SETTINGS | {"preset": "Silk", "mass_per_vertex": 0.15, "tension_stiffness": 5.0},
+    "leather": SETTINGS | {"preset": "Leather", "mass_per_vertex": 0.4, "tension_stiffness": 80.0},
+    "denim": SETTINGS | {"preset": "Denim", "mass_per_vertex": 1.0, "tension_stiffness": 40.0},
+    "cotton": SETTINGS | {"preset": "Cotton", "mass_per_vertex": 0.3, "tension_stiffness": 15.0},
+}
+
+
+def swaying(number: int, frames: int = 8) -> np.ndarray:
+    """A sheet in a standing wave: nothing that a simulator made, but motion and deformation everywhere."""
+    rng = np.random.default_rng(number)
+    rest = square_grid(1.0, 5).rest_positions
+    t = np.arange(frames)[:, None] / 30.0
+    phase, size = rng.uniform(0, 6, 3), rng.uniform(0.02, 0.1, 3)
+    x = np.repeat(rest[None].astype(np.float64), frames, 0)
+    for axis in range(3):
+        x[..., axis] += size[axis] * np.sin(6 * t + phase[axis] + 2 * rest[None, :, 0]) * (0.5 - rest[None, :, 1])
+    return x.astype(np.float32)
+
+
+@pytest.fixture(scope="session")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight training and four test sequences of 5 x 5 vertices, eight frames, four fabrics."""
+    path = tmp_path_factory.mktemp("data") / "swaying.h5"
+    header = DatasetHeader(
+        mesh=square_grid(1.0, 5),
+        pinned=np.array([0, 4]),
+        materials=FABRICS,
+        fps=30.0,
+        gravity=(0.0, 0.0, -9.81),
+        seed=0,
+        blender_version="none",
+        config="{}",
+    )
+    rows = [StoredSequence(swaying(i), fabric=i % 4, split=int(i >= 8), attempts=1) for i in range(12)]
+    write_trajectories(path, header, rows, len(rows))
+    return path
+
+
+def program(name: str, *overrides: str, **environment: str) -> subprocess.CompletedProcess:
+    """``python src/<name>.py overrides`` in a process of its own."""
+    env = os.environ | {"PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT}", "OMP_NUM_THREADS": "1"} | environment
+    command = [sys.executable, str(ROOT / "src" / f"{name}.py"), *overrides]
+    return subprocess.run(command, capture_output=True, text=True, timeout=240, env=env, cwd=ROOT, check=False)
+
+
+def trained(data: Path, folder: Path, *overrides: str, **environment: str) -> subprocess.CompletedProcess:
+    """A small training in ``folder``."""
+    common = [f"data.path={data}", f"hydra.run.dir={folder}", "scale=smoke", "logger=csv"]
+    return program("train", *common, *overrides, **environment)
