@@ -62,7 +62,7 @@ test: install  ## the whole test suite
 
 lint: install  ## what pre-commit and the tests check as well
 	$(VENV)/bin/ruff check src tests
-	PYTHONPATH=src $(VENV)/bin/lint-imports --no-logo 2>/dev/null || PYTHONPATH=src $(VENV)/bin/lint-imports
+	PYTHONPATH=src $(VENV)/bin/lint-imports
 
 clean:  ## caches only; data and runs stay
 	rm -rf .pytest_cache .ruff_cache .import_linter_cache build src/*.egg-info
