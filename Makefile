@@ -5,7 +5,6 @@ DATA   ?= cloth
 # installed before everything else, so that nothing brings another build
 TORCH       ?= torch==2.13.0
 
-
 RUN := PYTHONPATH=src $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 BLENDER_LIBRARIES := libgl1 libsm6 libice6 libx11-6 libxext6 libxfixes3 libxi6 libxrender1 libxkbcommon0
@@ -49,9 +48,11 @@ debian = if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 data: install  ## trajectories of a cloth, by Blender; goes on where it was interrupted
 	$(RUN) src/generate.py data=$(DATA)
 
-train: install data  ## the data if they are not there, then EUNet, its test, table and figure
-	$(RUN) src/train.py data=$(DATA)
+train: install data  ## the data if they are not there, then the paper's EUNet and ours, their test, table and figure
+	$(RUN) src/train.py data=$(DATA) model=eunet
+	$(RUN) src/train.py data=$(DATA) model=eunet_stable
 	$(RUN) src/report.py
+	@echo "figure: runs/report/energy_map.png    table: runs/report/tables.md"
 	@echo "dashboard: $(VENV)/bin/tensorboard --logdir runs, then open the address that it prints in a browser"
 
 report:  ## tables and figures of all finished runs

@@ -14,6 +14,7 @@ from drape.report.energy_map import draw_energy_map
 from drape.report.learned import learned_energies, learned_fabrics
 from drape.report.provenance import describe_setting, missing
 from drape.report.runs import find_runs
+from drape.report.summary import summary
 from drape.report.trade import draw_trade
 
 
@@ -37,6 +38,8 @@ def main(config: DictConfig) -> None:
     for run in runs:
         if (run.folder / "metrics.csv").is_file():
             draw_curves(run.folder / "metrics.csv", run.folder / "figures" / "curves.png")
+    best = min(runs, key=lambda run: run.metrics.get("force_residual_N/overall", float("inf")))
+    console.print(summary(best), soft_wrap=True, highlight=False)
     console.print(f"{len(runs)} runs:", *(str(path) for path in [output / "tables.md", *figures]), soft_wrap=True)
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from drape import config as conf
+from drape.report.summary import summary
 from drape.training.run import train
 
 GROUPS = {
@@ -30,7 +32,8 @@ def main(config: DictConfig) -> float:
     choices["overrides"] = " ".join(hydra.overrides.task)
     folder = Path(hydra.runtime.output_dir)
     record = train(config, folder, choices)
-    print(f"run directory: {folder}")
+    print(summary(record))
+    print(f"run directory: {os.path.relpath(folder)}")
     return record.metrics["energy_error_J2/overall"]
 
 

@@ -48,7 +48,8 @@ def test_mean_over_the_batch(name, cloth):
     energy = make_energy("mlp", "speed")
     one = make_window(MeshBatch.from_meshes([cloth]))
     two = make_window(MeshBatch.from_meshes([cloth, cloth]))
-    doubled = {k: torch.cat([getattr(one, k)] * 2) for k in ("x_prev", "x", "x_next", "mass", "free", "attributes", "fabric")}
+    names = ("x_prev", "x", "x_next", "mass", "free", "attributes", "fabric")
+    doubled = {name: torch.cat([getattr(one, name)] * 2) for name in names}
     two = replace(two, **doubled)
     values = [LOSSES[name]()(StepEnergies(energy, w, training=False)) for w in (one, two)]
     torch.testing.assert_close(*values, rtol=1e-9, atol=0)
@@ -110,7 +111,7 @@ def test_force_residual_of_no_energy_is_the_inertial_force(cloth_batch):
     window = make_window(cloth_batch)
     energy = make_energy("mlp", "none")
     with torch.no_grad():
-        energy.potential.net.head[-1].weight.zero_()
+        energy.potential.net.decoder[-1].weight.zero_()
     step = StepEnergies(energy, window, training=False)
     torch.testing.assert_close(step.force_residual[window.free], window.inertial_force[window.free])
     assert (step.force_residual[~window.free] == 0).all()

@@ -50,7 +50,8 @@ leather = read_preset("Leather") | {"air_damping": 0.0}
 flat = simulate(mesh.rest_positions, mesh.faces, np.array([], int), leather, bend, 0 * pull, 30)
 json.dump({"free": found, "held": float(np.abs(held[:, [0, 3]] - held[0, [0, 3]]).max()),
            "moved": float(np.abs(held[-1] - held[0]).max()),
-           "strain": [strain(x) for x in wide], "height": [float(np.ptp(x[:, 2])) for x in flat], "torch": "torch" in sys.modules}, sys.stdout)
+           "strain": [strain(x) for x in wide], "height": [float(np.ptp(x[:, 2])) for x in flat],
+           "torch": "torch" in sys.modules}, sys.stdout)
 """
 
 

@@ -96,5 +96,6 @@ def _check_example(energy: EUNet, example: dict[str, Any], path: str | Path) -> 
         if not difference < TOLERANCE:
             raise DrapeError(
                 f"{path}: the {name} of the stored example differ by {difference:.1e} of their size here (at most "
-                f"{TOLERANCE:.0e} expected); the program has changed since: use the version that wrote the file, or train again"
+                f"{TOLERANCE:.0e} expected); the program has changed since: use the version that wrote the file, "
+                "or train again"
             )

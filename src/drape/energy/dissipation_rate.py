@@ -16,7 +16,7 @@ from drape.scene.material import ATTRIBUTES
 
 
 class RateDissipation(DissipationUnits):
-    """``φd = energy_scale · Σ_k c_k q_k``, c = base(a) + bent(asinh z, a), and ``lost = energy_scale · Σ_k b_k(a) q_k``.
+    """``φd = energy_scale · Σ_k c_k q_k``, c = base(a) + bent(asinh z, a); ``lost = energy_scale · Σ_k b_k(a) q_k``.
 
     The q are the squares of the changes of z = (Δl/stretch_scale, sin and cos of Δα, Δβ) over the step (internal
     damping), the product of the change of length and the present Δl with the turn of the edge, ``Δl (l' - e'·d)``

@@ -24,7 +24,7 @@ class SpeedDissipation(DissipationUnits):
     (official configuration, FACTS 1.4).
 
     Args:
-        net: makes the network from its numbers of inputs and outputs; encoder and head get no biases.
+        net: makes the network from its numbers of inputs and outputs; encoder and decoder get no biases.
         speed_scale: standard deviation of the speed in the training data [m/s].
         energy_scale: [J/m²].
     """

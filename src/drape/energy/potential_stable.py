@@ -16,8 +16,8 @@ class StablePotential(PotentialUnits):
     """``φp = energy_scale · |L(asinh z, a)ᵀ z|²``, z = (Δl/stretch_scale, sin Δα, 1-cos Δα, sin Δβ, 1-cos Δβ).
 
     The lower-triangular L is ``base(a) + bent(asinh z, a)``: near rest the law is the quadratic form of the fabric, and
-    the second network, which sees |Δl| over several decades through asinh, only has to learn how it departs from that. That
-    φp is zero at rest and never negative is thermodynamics, not a choice of a material law.
+    the second network, which sees |Δl| over several decades through asinh, only has to learn how it departs from that.
+    That φp is zero at rest and never negative is thermodynamics, not a choice of a material law.
 
     Args:
         deformation: what the units see of an edge.

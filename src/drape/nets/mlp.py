@@ -29,11 +29,11 @@ class ResidualBlock(nn.Module):
 
 
 class EnergyNet(nn.Module):
-    """EUNet's network: encoder of three layers, residual blocks, LayerNorm, head ``width, width/2, width/4, size_out``.
+    """EUNet's network: encoder of three layers, residual blocks, LayerNorm, decoder of three layers that narrow.
 
-    Paper, section 4.1: four blocks of two fully connected layers, width 128; activations, encoder and head from the
+    Paper, section 4.1: four blocks of two fully connected layers, width 128; activations, encoder and decoder from the
     official configuration (FACTS 1.4), whose blocks have three layers. ``bias=False`` leaves the biases out of encoder
-    and head, as for the dissipation units.
+    and decoder, as for the dissipation units.
     """
 
     def __init__(
@@ -43,9 +43,9 @@ class EnergyNet(nn.Module):
         self.encoder = feed_forward([size_in, width, width, width], bias=bias, last_activation=True)
         self.blocks = nn.Sequential(*(ResidualBlock(width, layers_per_block) for _ in range(blocks)))
         self.norm = nn.LayerNorm(width)
-        self.head = feed_forward([width, width // 2, width // 4, size_out], bias=bias)
+        self.decoder = feed_forward([width, width // 2, width // 4, size_out], bias=bias)
 
     def forward(self, features: Float[Tensor, "... size_in"]) -> Float[Tensor, "... size_out"]:
         """Cast to the precision of the parameters, then apply."""
         features = features.to(self.norm.weight.dtype)
-        return self.head(self.norm(self.blocks(self.encoder(features))))
+        return self.decoder(self.norm(self.blocks(self.encoder(features))))

@@ -7,8 +7,6 @@ relative error elsewhere is below 1e-12. Work in float64: length changes are 1e-
 
 from __future__ import annotations
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
@@ -125,7 +123,10 @@ class EdgeGeometry:
 
     @cached_property
     def hinge(self) -> Float[Tensor, "... edges 2"]:
-        """(cos θ, sin θ) of the dihedral angle between the two faces of the edge; (1, 0) where flat and on boundaries."""
+        """(cos θ, sin θ) of the dihedral angle between the two faces of the edge; (1, 0) where flat and on boundaries.
+
+        Positive where the cloth bends away from its normals.
+        """
         normals = self._face_normals / self._double_areas[..., None]
         first = normals.index_select(-2, self.mesh.edge_faces[:, 0])
         second = normals.index_select(-2, self.mesh.edge_faces[:, 1])

@@ -15,7 +15,8 @@ class ClothMesh:
     """A triangle mesh in its rest state; build it with :meth:`from_faces`.
 
     Edges are unique and undirected, stored as (smaller, larger) vertex index and sorted. ``edge_faces`` holds the
-    two faces of an edge; a boundary edge lists its only face twice (``boundary`` tells them apart).
+    two faces of an edge, first the one that runs along it forwards; a boundary edge lists its only face twice
+    (``boundary`` tells them apart).
     """
 
     rest_positions: Float[np.ndarray, "vertices 3"]
@@ -106,11 +107,14 @@ def _edges(faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, np.nda
         counted = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
         many = counted[0][counted[1] > 2]
         if len(many):
-            raise DrapeError(f"{name}: {len(many)} edges have more than two faces (one is {many[0].tolist()}); split them")
+            raise DrapeError(
+                f"{name}: {len(many)} edges have more than two faces (one is {many[0].tolist()}); split them"
+            )
         raise DrapeError(f"{name}: neighbouring faces wind in opposite directions; orient all faces consistently")
     undirected = np.sort(directed, axis=1)
     edges, inverse, counts = np.unique(undirected, axis=0, return_inverse=True, return_counts=True)
-    order = np.argsort(inverse.reshape(-1), kind="stable")
+    runs_backwards = directed[:, 0] > directed[:, 1]
+    order = np.lexsort((runs_backwards, inverse.reshape(-1)))  # first the face along which the edge runs forwards
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
     slots = order[np.stack([first, first + counts - 1], axis=1)]
     return edges, face_of[slots], opposite_of[slots], counts == 1

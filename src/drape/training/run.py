@@ -84,7 +84,8 @@ def _finished(plain: dict[str, Any], folder: Path) -> bool:
         if different:
             names = ", ".join(dict.fromkeys(name for name, _ in different))
             raise DrapeError(
-                f"{folder}: holds a run with other values of {names}; give this one another name=..., or delete the folder"
+                f"{folder}: holds a run with other values of {names}; "
+                "give this one another name=..., or delete the folder"
             )
     else:
         folder.mkdir(parents=True, exist_ok=True)
@@ -96,7 +97,8 @@ def _finished(plain: dict[str, Any], folder: Path) -> bool:
 
 def _leaves(tree: Any, path: str = "") -> dict[str, str]:
     if isinstance(tree, dict):
-        return {k: v for name, node in tree.items() for k, v in _leaves(node, f"{path}.{name}" if path else name).items()}
+        nodes = {f"{path}.{name}" if path else str(name): node for name, node in tree.items()}
+        return {leaf: value for name, node in nodes.items() for leaf, value in _leaves(node, name).items()}
     return {path: repr(tree)}
 
 

@@ -1,0 +1,31 @@
+"""What a training has learned, in a few lines for the terminal."""
+
+from __future__ import annotations
+
+from drape.metrics.record import RunRecord
+
+
+def summary(run: RunRecord) -> str:
+    """A line for each fabric: stiffness beside Blender's, force residual beside the bars, squared energy error."""
+    name = run.model if run.ablation == "none" else f"{run.model} {run.ablation}"
+    lines = [f"what {name} has learned (seed {run.seed}, {run.setting['steps']} steps, test split):"]
+    fabrics = [key.partition("/")[2] for key in run.metrics if key.startswith("inertial_force_N/")]
+    for fabric in fabrics:
+        if fabric == "overall":
+            continue
+        stiffness, blender, forces, nothing, law, energy = (
+            run.metrics.get(f"{quantity}/{fabric}", float("nan"))
+            for quantity in (
+                "stretch_stiffness_N_per_m",
+                "blender_stiffness_N_per_m",
+                "force_residual_N",
+                "inertial_force_N",
+                "mass_spring_residual_N",
+                "energy_error_J2",
+            )
+        )
+        lines.append(
+            f"  {fabric:8} stretching {stiffness:9.3g} N/m (Blender {blender:8.3g})   force residual {forces:6.3g} N "
+            f"(nothing {nothing:.3g}, mass-spring law {law:.3g})   energy error {energy:.3g} J2"
+        )
+    return "\n".join(lines)
