@@ -92,7 +92,8 @@ def test_another_loss_is_another_row_without_the_papers_numbers():
 
 
 def test_another_model_comes_last_under_its_own_name():
-    stable = dataclasses.replace(record("no_dissipation", 0), model="eunet_stable")
+    parts = {"potential": "stable", "dissipation": "zero", "loss": "forces"}
+    stable = dataclasses.replace(record("no_dissipation", 0), model="eunet_stable", variant=parts)
     unknown = dataclasses.replace(record("none", 0), model="springs", variant={})
     rows = [row[0] for row in force_table(_found([unknown, stable, *RUNS])).rows]
     assert rows[2:] == ["EUNet", "EUNet w/o Φd", "EUNet w/o L_con", "Stable EUNet w/o Φd", "springs"]

@@ -9,6 +9,8 @@ from pathlib import Path
 import lightning
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from drape.data.hdf5 import TrajectoryFile
 from drape.data.loader import WindowLoader
@@ -81,6 +83,10 @@ class TrajectoryDataModule(lightning.LightningDataModule):
                 "generate more sequences or choose other fabrics"
             )
         return sequences
+
+    def attributes_of(self, fabric: str) -> Float[Tensor, " attributes"]:
+        """The vector **a** of one fabric of the file, as the networks see it (float64)."""
+        return self._attributes[self.file.fabrics.index(fabric)]
 
     def windows(self, sequences: np.ndarray, indices: np.ndarray) -> Window:
         """The windows of the given numbers, counted through ``sequences``, as one batch."""

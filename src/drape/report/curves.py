@@ -1,4 +1,4 @@
-"""Training curves of a run from its ``metrics.csv``."""
+"""Training curves of a run from its ``metrics.csv``, and from those of its interrupted parts."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from drape.errors import DrapeError
+from drape.training.metrics_csv import parts
 
 AXES = ("step", "epoch")
 COLUMNS = 3
@@ -18,12 +19,24 @@ Curve = tuple[list[int], list[float]]
 def read_curves(path: Path | str) -> dict[str, Curve]:
     """Steps and finite values of every column of a ``metrics.csv`` (Lightning's CSVLogger leaves gaps).
 
+    Rows of interrupted parts of the training, ``metrics_0.csv``, ..., come first; steps that a later part repeated
+    count as it logged them.
+
     Raises:
         DrapeError: no such file, or no column ``step``.
     """
     path = Path(path)
     if not path.is_file():
         raise DrapeError(f"{path}: no such file; a run writes it with logger=default or logger=csv")
+    curves: dict[str, Curve] = {}
+    for part in parts(path):
+        for name, (steps, values) in _read_part(part).items():
+            earlier = [pair for pair in zip(*curves.get(name, ([], [])), strict=True) if pair[0] < steps[0]]
+            curves[name] = [s for s, _ in earlier] + steps, [v for _, v in earlier] + values
+    return curves
+
+
+def _read_part(path: Path) -> dict[str, Curve]:
     curves: dict[str, Curve] = {}
     with open(path, newline="") as file:
         rows = csv.DictReader(file)

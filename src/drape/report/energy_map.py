@@ -37,13 +37,14 @@ def energy_of(units: PotentialUnits) -> EnergyOf:
 @torch.no_grad()
 def sample_map(energy: EnergyOf, attributes: Float[Tensor, " attributes"]) -> Float[np.ndarray, "points points"]:
     """φp [J] relative to rest; rows are α, columns Δl, both from the lowest to the highest value, β = 0."""
-    axis = torch.linspace(-1.0, 1.0, POINTS, dtype=torch.float64)
+    device = attributes.device
+    axis = torch.linspace(-1.0, 1.0, POINTS, dtype=torch.float64, device=device)
     alpha, stretch = torch.meshgrid(ANGLE * axis, STRETCH * axis, indexing="ij")
     flat = stretch.flatten(), alpha.flatten(), torch.zeros_like(alpha).flatten()
     of_fabric = attributes.double().expand(POINTS**2, -1)
-    at_rest = torch.zeros(1, dtype=torch.float64)
+    at_rest = torch.zeros(1, dtype=torch.float64, device=device)
     rest = energy(at_rest, at_rest, at_rest, of_fabric[:1])
-    return (energy(*flat, of_fabric) - rest).reshape(POINTS, POINTS).numpy()
+    return (energy(*flat, of_fabric) - rest).reshape(POINTS, POINTS).cpu().numpy()
 
 
 def draw_energy_map(

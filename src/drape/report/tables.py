@@ -30,8 +30,8 @@ def paper() -> Mapping[str, Any]:
 
 
 def departures(configuration: Configuration) -> dict[str, str]:
-    """Choices in which a configuration differs from the paper's way, other than by its ablation."""
-    expected = paper()["variant"] | paper()["ablated"].get(configuration.ablation, {})
+    """Choices in which a configuration differs from what its model is made of, other than by its ablation."""
+    expected = paper()["variants"].get(configuration.model, {}) | paper()["ablated"].get(configuration.ablation, {})
     return {name: choice for name, choice in configuration.variant.items() if expected.get(name) != choice}
 
 
@@ -42,7 +42,7 @@ def is_papers(configuration: Configuration) -> bool:
 
 
 def label(configuration: Configuration) -> str:
-    """Name of a configuration: model, what was taken away, and what differs from the paper's way."""
+    """Name of a configuration: model, what was taken away, and what else differs."""
     model = paper()["models"].get(configuration.model, configuration.model)
     ablation = paper()["ablations"].get(configuration.ablation, configuration.ablation)
     other = ", ".join(f"{name}={choice}" for name, choice in departures(configuration).items())

@@ -24,6 +24,8 @@ from drape.metrics.family import energy_metrics
 from drape.metrics.record import FILE, RunRecord
 from drape.training.callbacks import SelfDescription
 from drape.training.energy_training import EnergyTraining
+from drape.training.loggers import close_loggers, open_loggers
+from drape.training.messages import silence
 
 LAW_WINDOWS = 1024
 """Training windows that the mass-spring law is fitted on, evenly spaced."""
@@ -43,6 +45,7 @@ def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> RunRe
         DrapeError: mistakes in the config, faulty data, or another config in the folder.
     """
     conf.check_config(config, supplied={"datamodule": ["fabrics"], "training": ["metrics"]})
+    silence()
     lightning.seed_everything(config.seed, verbose=False)
     data: TrajectoryDataModule = conf.instantiate(config.datamodule, fabrics=list(config.material))
     conf.set_statistics(training_statistics(data))
@@ -57,14 +60,17 @@ def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> RunRe
         law=_mass_spring_law(data),
     )
     training: EnergyTraining = conf.instantiate(OmegaConf.create(plain["training"]), metrics=metrics)
-    trainer = _trainer(plain, data)
+    trainer = _trainer(plain, folder, data)
     last = folder / "checkpoints" / "last.ckpt"
-    began = time.perf_counter()
-    trainer.fit(training, data, ckpt_path=last if last.is_file() else None, weights_only=True)
-    seconds = time.perf_counter() - began
-    if trainer.interrupted:
-        raise KeyboardInterrupt
-    results = trainer.test(training, data, verbose=False)[0]
+    try:
+        began = time.perf_counter()
+        trainer.fit(training, data, ckpt_path=last if last.is_file() else None, weights_only=True)
+        seconds = time.perf_counter() - began
+        if trainer.interrupted:
+            raise KeyboardInterrupt
+        results = trainer.test(training, data, verbose=False)[0]
+    finally:
+        close_loggers(trainer.loggers)
     record = _record(plain, choices, training, data, results, seconds)
     if trainer.is_global_zero and not config.trainer.get("fast_dev_run"):
         record.save(folder)
@@ -102,13 +108,11 @@ def _leaves(tree: Any, path: str = "") -> dict[str, str]:
     return {path: repr(tree)}
 
 
-def _trainer(plain: dict[str, Any], data: TrajectoryDataModule) -> lightning.Trainer:
+def _trainer(plain: dict[str, Any], folder: Path, data: TrajectoryDataModule) -> lightning.Trainer:
     callbacks = [conf.instantiate(OmegaConf.create(node)) for node in plain["callbacks"].values()]
     example = data.windows(data.validation_sequences, np.arange(1))
     callbacks.append(SelfDescription(plain, example))
-    loggers = [conf.instantiate(OmegaConf.create(node)) for node in plain["logger"].values()]
-    for logger in loggers:
-        logger.log_hyperparams(plain)
+    loggers = open_loggers(plain, folder)
     return conf.instantiate(OmegaConf.create(plain["trainer"]), callbacks=callbacks, logger=loggers)
 
 

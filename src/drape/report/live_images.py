@@ -1,0 +1,47 @@
+"""What a training has learned so far, as images in its loggers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import lightning
+from lightning.pytorch.loggers import Logger, TensorBoardLogger, WandbLogger
+from matplotlib.image import imread
+
+from drape.report.energy_map import draw_energy_map, energy_of
+
+KEY = "figures/energy_map"
+"""Of the image in the loggers; also where it lies in the run directory."""
+
+
+class EnergyMapImages(lightning.Callback):
+    """Draw the map of the energy being trained after each validation, a row for each fabric.
+
+    Args:
+        fabrics: names; those that the training does not use are left out.
+        folder: run directory; has the newest map in ``figures/energy_map.png``.
+    """
+
+    def __init__(self, fabrics: Sequence[str], folder: str):
+        self._fabrics = tuple(fabrics)
+        self._path = Path(folder) / f"{KEY}.png"
+
+    def on_validation_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
+        """Draw, save, and log to every logger that takes images."""
+        data = trainer.datamodule
+        fabrics = {name: data.attributes_of(name) for name in self._fabrics if name in data.fabrics}
+        if trainer.fast_dev_run or not trainer.is_global_zero or not fabrics:
+            return
+        attributes = {name: vector.to(pl_module.device) for name, vector in fabrics.items()}
+        energies = {f"step {trainer.global_step}": energy_of(pl_module.energy.potential)}
+        draw_energy_map(energies, attributes, self._path)
+        for logger in trainer.loggers:
+            _log_image(logger, self._path, trainer.global_step)
+
+
+def _log_image(logger: Logger, path: Path, step: int) -> None:
+    if isinstance(logger, TensorBoardLogger):
+        logger.experiment.add_image(KEY, imread(path)[..., :3], step, dataformats="HWC")
+    elif isinstance(logger, WandbLogger):
+        logger.log_image(KEY, [str(path)], step=step)
