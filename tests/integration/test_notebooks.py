@@ -42,13 +42,6 @@ def run(data, tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.fixture(autouse=True)
-def _environment(monkeypatch) -> None:
-    """What the kernels inherit."""
-    monkeypatch.setenv("PYTHONPATH", str(ROOT / "src"))
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
-
-
 def test_every_notebook_is_expected():
     assert {path.stem for path in NOTEBOOKS} == set(FIGURES)
 
@@ -57,6 +50,7 @@ def test_every_notebook_is_expected():
 def test_a_notebook_finishes_and_draws(path, run, monkeypatch):
     """Every figure is there and none is blank."""
     monkeypatch.setenv("DRAPE_RUN", str(run))
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
     found = pictures(execute(path))
     assert len(found) == FIGURES[path.stem]
     assert all(len(picture) > 10_000 for picture in found)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from drape.energy.deformation import Deformation
 from drape.energy.dissipation_speed import SLOWEST
-from drape.energy.quadratic import LearnedCoefficients
+from drape.energy.quadratic import FabricCoefficients, LearnedCoefficients
 from drape.energy.units import DissipationUnits
-from drape.nets.mlp import feed_forward
 from drape.scene.geometry import EdgeGeometry, safe_norm
-from drape.scene.material import ATTRIBUTES
 
 
 class RateDissipation(DissipationUnits):
@@ -44,8 +42,7 @@ class RateDissipation(DissipationUnits):
         size = deformation.size
         self.deformation = deformation
         self.coefficients = LearnedCoefficients(2 * size + 1, size + 2, width, start=0.0)
-        self.lost = feed_forward([len(ATTRIBUTES), width, width, size + 2])
-        nn.init.zeros_(self.lost[-1].bias)
+        self.lost = FabricCoefficients(size + 2, width, start=0.0)
         self.stretch_scale = stretch_scale
         self.speed_scale = speed_scale
         self.area_scale = area_scale
@@ -72,5 +69,5 @@ class RateDissipation(DissipationUnits):
         seen = torch.cat([before, change, speed[:, None]], -1)
         quantities = torch.cat([change.square(), turn[:, None], air[:, None]], -1)
         potential = (self.coefficients(torch.asinh(seen), attributes).double() * quantities).sum(-1)
-        lost = (self.lost(attributes.to(self.lost[0].weight.dtype)).double() * quantities).sum(-1)
+        lost = (self.lost(attributes).double() * quantities).sum(-1)
         return self.energy_scale * potential, self.energy_scale * lost

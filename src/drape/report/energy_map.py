@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -52,17 +54,21 @@ def draw_energy_map(
 ) -> Path:
     """One PNG, a row for each fabric and a column for each model; every panel with its own colour scale.
 
-    White is the energy at rest, red above, blue below: a sound law is white in the middle and red around it. Black
-    lines are levels of equal energy.
+    The fabrics of a single model stand in a square. White is the energy at rest, red above, blue below: a sound law is
+    white in the middle and red around it. Black lines are levels of equal energy.
     """
-    size = (0.6 + 3.3 * len(models), 0.5 + 2.7 * len(fabrics))
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(len(fabrics), len(models), squeeze=False, sharex=True, sharey=True)
-    for row, (fabric, attributes) in zip(axes, fabrics.items(), strict=True):
-        for axis, (name, energy) in zip(row, models.items(), strict=True):
-            _draw_panel(figure, axis, sample_map(energy, attributes))
-            axis.set_title(f"{fabric}: {name}", fontsize=9)
-        row[0].set_ylabel("Δα [degrees]  (Δβ = 0)")
+    panels = list(itertools.product(fabrics.items(), models.items()))
+    columns = len(models) if len(models) > 1 else math.ceil(math.sqrt(len(fabrics)))
+    rows = math.ceil(len(panels) / columns)
+    figure = Figure(figsize=(0.6 + 3.3 * columns, 0.5 + 2.7 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    for axis, ((fabric, attributes), (name, energy)) in zip(axes.flat, panels, strict=False):
+        _draw_panel(figure, axis, sample_map(energy, attributes))
+        axis.set_title(f"{fabric}: {name}", fontsize=9)
+    for axis in axes.flat[len(panels) :]:
+        axis.set_axis_off()
+    for axis in axes[:, 0]:
+        axis.set_ylabel("Δα [degrees]  (Δβ = 0)")
     for axis in axes[-1]:
         axis.set_xlabel("Δl [mm]")
     figure.suptitle("Potential energy φp of an edge relative to rest [J]", fontsize=10)

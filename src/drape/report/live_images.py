@@ -16,7 +16,7 @@ KEY = "figures/energy_map"
 
 
 class EnergyMapImages(lightning.Callback):
-    """Draw the map of the energy being trained after each validation, a row for each fabric.
+    """Draw the map of the energy being trained after each validation, a panel for each fabric.
 
     Args:
         fabrics: names; those that the training does not use are left out.
