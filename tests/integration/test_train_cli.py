@@ -101,6 +101,16 @@ def test_a_checkpoint_reproduces_its_example_and_notices_changes(run, tmp_path):
     torch.save(content, tmp_path / "changed.ckpt")
     with pytest.raises(DrapeError, match="example differ"):
         load_energy(tmp_path / "changed.ckpt")
+    model = content["drape"]["config"]["model"]
+    content["drape"]["config"]["model"] = model | {"width_of_old": 3}
+    torch.save(content, tmp_path / "old.ckpt")
+    with pytest.raises(DrapeError, match="cannot be built"):
+        load_energy(tmp_path / "old.ckpt")
+    content["drape"]["config"]["model"] = model
+    del content["state_dict"][next(name for name in content["state_dict"] if name.startswith("energy."))]
+    torch.save(content, tmp_path / "partial.ckpt")
+    with pytest.raises(DrapeError, match="cannot be built"):
+        load_energy(tmp_path / "partial.ckpt")
     content["drape"]["format"] = 99
     torch.save(content, tmp_path / "future.ckpt")
     with pytest.raises(DrapeError, match="format 99"):

@@ -29,7 +29,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         batch_size: windows in a training batch.
         eval_batch_size: windows in a batch of validation and test.
         attribute_scales: divisors of the five attributes of a fabric.
-        seed: of the order of the training windows.
+        seed: of the order of the training windows; None for the order of the file, the same in every epoch.
         train_sequences: use only the first so many training sequences; all by default.
         validation_sequences: number of test sequences, evenly over the fabrics, that are watched while training. They
             are watched only: the result of a training is its last step, never the best on them.
@@ -45,7 +45,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         batch_size: int,
         eval_batch_size: int,
         attribute_scales: Mapping[str, float],
-        seed: int,
+        seed: int | None,
         train_sequences: int | None = None,
         validation_sequences: int = 16,
     ):

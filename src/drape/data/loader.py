@@ -13,8 +13,9 @@ class WindowLoader:
     """An iterable over batches of windows; ``build(indices)`` reads one batch.
 
     With ``seed`` the order is a permutation that depends on the seed and the epoch only, and every iteration starts
-    the next epoch; without, it is the order of the file. ``state_dict`` says how far it is: Lightning stores it in
-    checkpoints, and a resumed training continues with the batch that would have come next. ``rank`` of
+    the next epoch; without, it is the order of the file. An iteration may be left before its end, as Lightning does.
+    ``state_dict`` says how far it is: Lightning stores it in checkpoints, and a resumed training continues with the
+    batch that would have come next. ``rank`` of
     ``world_size`` processes takes every ``world_size``-th batch.
     """
 
@@ -36,6 +37,8 @@ class WindowLoader:
         self._world_size = world_size
         self._epoch = 0
         self._next = 0
+        self._in_place = True
+        """Whether the next iteration starts at the position given by epoch and next; afterwards, at the next epoch."""
 
     def __len__(self) -> int:
         batches = -(-self._num_windows // self._batch_size)
@@ -44,6 +47,9 @@ class WindowLoader:
         return self._num_windows // self._batch_size // self._world_size
 
     def __iter__(self) -> Iterator[Window]:
+        if not self._in_place or self._next >= len(self):
+            self._epoch, self._next = self._epoch + 1, 0
+        self._in_place = False
         order = np.arange(self._num_windows)
         if self._seed is not None:
             order = np.random.default_rng([self._seed, self._epoch]).permutation(self._num_windows)
@@ -51,7 +57,6 @@ class WindowLoader:
             batch = self._next * self._world_size + self._rank
             self._next += 1
             yield self._build(np.sort(order[batch * self._batch_size : (batch + 1) * self._batch_size]))
-        self._epoch, self._next = self._epoch + 1, 0
 
     def state_dict(self) -> dict[str, int]:
         """Epoch and number of batches given out in it."""
@@ -59,4 +64,4 @@ class WindowLoader:
 
     def load_state_dict(self, state: dict[str, int]) -> None:
         """Go on from where :meth:`state_dict` was taken."""
-        self._epoch, self._next = state["epoch"], state["next"]
+        self._epoch, self._next, self._in_place = state["epoch"], state["next"], True

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from hydra.errors import InstantiationException
 from omegaconf import OmegaConf
 
 from drape import __version__
@@ -55,10 +56,17 @@ def load_energy(path: str | Path) -> EUNet:
         DrapeError: not a checkpoint of this program or of this format, or the example's energy or forces differ.
     """
     content = read_checkpoint(path)
-    energy = instantiate(OmegaConf.create(content["drape"]["config"]["model"]))
     prefix = "energy."
     state = {k.removeprefix(prefix): v for k, v in content["state_dict"].items() if k.startswith(prefix)}
-    energy.load_state_dict(state)
+    try:
+        energy = instantiate(OmegaConf.create(content["drape"]["config"]["model"]))
+        energy.load_state_dict(state)
+    except (InstantiationException, RuntimeError) as error:
+        made = content["drape"]["versions"]["drape"]
+        raise DrapeError(
+            f"{path}: its energy cannot be built by this program ({str(error).splitlines()[0]}); it was written by "
+            f"version {made}, this is {__version__}: use that version, or train again"
+        ) from error
     energy.eval().requires_grad_(False)
     _check_example(energy, content["drape"]["example"], path)
     return energy
