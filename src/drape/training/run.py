@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from drape.errors import DrapeError
 from drape.loss.contrastive import Contrastive
 from drape.metrics.family import energy_metrics
 from drape.metrics.record import FILE, RunRecord
-from drape.training.callbacks import SelfDescription
+from drape.training.callbacks import SelfDescription, Stopwatch
 from drape.training.energy_training import EnergyTraining
 from drape.training.loggers import close_loggers, open_loggers
 from drape.training.messages import silence
@@ -63,9 +62,8 @@ def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> RunRe
     trainer = _trainer(plain, folder, data)
     last = folder / "checkpoints" / "last.ckpt"
     try:
-        began = time.perf_counter()
         trainer.fit(training, data, ckpt_path=last if last.is_file() else None, weights_only=True)
-        seconds = time.perf_counter() - began
+        seconds = next(c.seconds for c in trainer.callbacks if isinstance(c, Stopwatch))
         if trainer.interrupted:
             raise KeyboardInterrupt
         results = trainer.test(training, data, verbose=False)[0]
@@ -86,7 +84,7 @@ def _finished(plain: dict[str, Any], folder: Path) -> bool:
     path = folder / "config.yaml"
     if path.is_file():
         before = OmegaConf.to_container(OmegaConf.load(path))
-        different = sorted(_leaves(before).items() ^ _leaves(plain).items())
+        different = sorted(_result(before) ^ _result(plain))
         if different:
             names = ", ".join(dict.fromkeys(name for name, _ in different))
             raise DrapeError(
@@ -101,6 +99,11 @@ def _finished(plain: dict[str, Any], folder: Path) -> bool:
     return (folder / FILE).is_file()
 
 
+def _result(config: dict[str, Any]) -> set[tuple[str, str]]:
+    """The values that decide what comes out; who watches and where it is logged does not."""
+    return set(_leaves({name: node for name, node in config.items() if name not in ("callbacks", "logger")}).items())
+
+
 def _leaves(tree: Any, path: str = "") -> dict[str, str]:
     if isinstance(tree, dict):
         nodes = {f"{path}.{name}" if path else str(name): node for name, node in tree.items()}
@@ -111,7 +114,7 @@ def _leaves(tree: Any, path: str = "") -> dict[str, str]:
 def _trainer(plain: dict[str, Any], folder: Path, data: TrajectoryDataModule) -> lightning.Trainer:
     callbacks = [conf.instantiate(OmegaConf.create(node)) for node in plain["callbacks"].values()]
     example = data.windows(data.validation_sequences, np.arange(1))
-    callbacks.append(SelfDescription(plain, example))
+    callbacks += [SelfDescription(plain, example), Stopwatch()]
     loggers = open_loggers(plain, folder)
     return conf.instantiate(OmegaConf.create(plain["trainer"]), callbacks=callbacks, logger=loggers)
 
