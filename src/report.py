@@ -30,7 +30,8 @@ def main(config: DictConfig) -> None:
         console.print(f"missing: {command}", soft_wrap=True)
     output.mkdir(parents=True, exist_ok=True)
     (output / "tables.md").write_text(document(runs, config.ablations, config.seeds))
-    figures = [draw_trade(runs, output / "trade.png")]
+    of_main = [run for run in runs if all(run.setting[k] == found[0].setting[k] for k in ("data", "material"))]
+    figures = [draw_trade(of_main, output / "trade.png")]
     energies = learned_energies(found)
     if energies:
         fabrics = learned_fabrics(found, config.map_fabrics)
@@ -38,7 +39,7 @@ def main(config: DictConfig) -> None:
     for run in runs:
         if (run.folder / "metrics.csv").is_file():
             draw_curves(run.folder / "metrics.csv", run.folder / "figures" / "curves.png")
-    best = min(runs, key=lambda run: run.metrics.get("force_residual_N/overall", float("inf")))
+    best = min(of_main, key=lambda run: run.metrics.get("force_residual_N/overall", float("inf")))
     console.print(summary(best), soft_wrap=True, highlight=False)
     console.print(f"{len(runs)} runs:", *(str(path) for path in [output / "tables.md", *figures]), soft_wrap=True)
 
