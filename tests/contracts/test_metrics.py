@@ -24,11 +24,7 @@ PER_VERTEX = ("x_prev", "x", "x_next", "mass", "free")
 
 class Springs(PotentialUnits):
     def __init__(self):
-        super().__init__()
-        self.deformation = StretchBending()
-
-    def inputs(self, geometry):
-        return self.deformation(geometry)
+        super().__init__(StretchBending())
 
     def energies(self, inputs, attributes):
         bending = 0.1 * (1.0 - inputs[:, 1])

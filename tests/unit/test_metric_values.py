@@ -30,12 +30,8 @@ class Springs(PotentialUnits):
     """``φp = offset + k (Δl - shift)² / 2`` with k the first attribute [N/m]."""
 
     def __init__(self, offset: float = 0.0, shift: float = 0.0):
-        super().__init__()
+        super().__init__(StretchBending())
         self.offset, self.shift = offset, shift
-        self.deformation = StretchBending()
-
-    def inputs(self, geometry):
-        return self.deformation(geometry)
 
     def energies(self, inputs, attributes):
         return self.offset + 0.5 * attributes[:, 0] * (inputs[:, 0] - self.shift) ** 2

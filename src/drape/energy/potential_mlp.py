@@ -11,7 +11,6 @@ from torch import Tensor
 from drape.energy.deformation import Deformation
 from drape.energy.units import PotentialUnits
 from drape.nets.mlp import EnergyNet
-from drape.scene.geometry import EdgeGeometry
 from drape.scene.material import ATTRIBUTES
 
 
@@ -30,14 +29,10 @@ class MLPPotential(PotentialUnits):
     def __init__(
         self, deformation: Deformation, net: Callable[..., EnergyNet], stretch_scale: float, energy_scale: float
     ):
-        super().__init__()
-        self.deformation = deformation
+        super().__init__(deformation)
         self.net = net(deformation.size + len(ATTRIBUTES), 1)
         self.stretch_scale = stretch_scale
         self.energy_scale = energy_scale
-
-    def inputs(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges inputs"]:
-        return self.deformation(geometry)
 
     def energies(
         self, inputs: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]

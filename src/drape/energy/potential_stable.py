@@ -9,7 +9,6 @@ from torch import Tensor
 from drape.energy.deformation import Deformation
 from drape.energy.quadratic import LearnedCoefficients, squared_norm
 from drape.energy.units import PotentialUnits
-from drape.scene.geometry import EdgeGeometry
 
 
 class StablePotential(PotentialUnits):
@@ -27,15 +26,11 @@ class StablePotential(PotentialUnits):
     """
 
     def __init__(self, deformation: Deformation, width: int, stretch_scale: float, energy_scale: float):
-        super().__init__()
+        super().__init__(deformation)
         size = deformation.size
-        self.deformation = deformation
         self.coefficients = LearnedCoefficients(size, size * (size + 1) // 2, width, start=1.0)
         self.stretch_scale = stretch_scale
         self.energy_scale = energy_scale
-
-    def inputs(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges inputs"]:
-        return self.deformation(geometry)
 
     def energies(
         self, inputs: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]

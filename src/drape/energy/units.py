@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from drape.energy.deformation import Deformation
 from drape.scene.geometry import EdgeGeometry
 
 
@@ -17,9 +18,13 @@ class PotentialUnits(nn.Module, ABC):
     training are taken through the small inputs, which is several times cheaper than through the positions.
     """
 
-    @abstractmethod
+    def __init__(self, deformation: Deformation):
+        super().__init__()
+        self.deformation = deformation
+
     def inputs(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges inputs"]:
-        """Dimensionless inputs of the units, float64."""
+        """What the units see of the deformation of the edges, float64."""
+        return self.deformation(geometry)
 
     @abstractmethod
     def energies(
