@@ -26,7 +26,7 @@ class RateDissipation(DissipationUnits):
 
     The coefficients are free in sign. The trajectories are frames of a simulation with finer steps inside, and the
     second difference of positions is centred at t: seen as one implicit step to t+1, forces lag behind, which is a
-    negative damping of the frame's own making (measured: 75 % of the tension acts as it was at t).
+    negative damping of the frame's own making (measured for silk: 71 % of the tension acts as it was at t).
     """
 
     def __init__(
