@@ -18,6 +18,12 @@ WARM_UP = 3
 """Steps that are not counted."""
 
 
+Energies = Tensor | tuple[Tensor, Tensor]
+"""Of potential units, or of dissipation units: potential and lost."""
+Call = tuple[Callable[[Tensor, Tensor], Energies], Tensor, Tensor]
+"""What a unit was asked: (function, inputs, attributes)."""
+
+
 class StepCost:
     """Times of one training step [s], medians over ``repeats``, phase by phase, and of its networks alone.
 
@@ -30,6 +36,8 @@ class StepCost:
         self.energy = energy
         self.loss = loss
         self.windows = windows
+        self.calls: list[Call] = []
+        """What the units were asked in the last step."""
         self.optimizer = torch.optim.Adam(energy.parameters(), lr=1e-6)
 
     def measure(self, repeats: int) -> dict[str, float]:
@@ -46,7 +54,7 @@ class StepCost:
         marks = [time.perf_counter()]
         window = next(self.windows)
         marks.append(time.perf_counter())
-        with _recording(self.energy) as self._calls:
+        with _Recording(self.energy) as self.calls:
             step = StepEnergies(self.energy, window, training=True)
             total = sum(term.weight * term(step) for term in self.loss.values())
         self._forces = "gradient" in step.__dict__
@@ -61,7 +69,7 @@ class StepCost:
         return row | {"step": marks[-1] - marks[0]}
 
     def _networks(self) -> float:
-        calls = [(e, inputs.detach().requires_grad_(inputs.requires_grad), a) for e, inputs, a in self._calls]
+        calls = [(e, inputs.detach().requires_grad_(inputs.requires_grad), a) for e, inputs, a in self.calls]
         leaves = [inputs for _, inputs, _ in calls if inputs.requires_grad]
         began = time.perf_counter()
         total = 0.0
@@ -75,14 +83,14 @@ class StepCost:
         return time.perf_counter() - began
 
 
-class _recording:
+class _Recording:
     """While active, what the units of ``energy`` are asked: (their function, inputs, attributes)."""
 
     def __init__(self, energy: EUNet):
         self._units = list(energy.units.values())
-        self._calls: list[tuple[Callable[..., Tensor], Tensor, Tensor]] = []
+        self._calls: list[Call] = []
 
-    def __enter__(self) -> list[tuple[Callable[..., Tensor], Tensor, Tensor]]:
+    def __enter__(self) -> list[Call]:
         for unit in self._units:
             unit.energies = self._wrap(unit.energies)
         return self._calls
@@ -91,8 +99,8 @@ class _recording:
         for unit in self._units:
             del unit.energies
 
-    def _wrap(self, evaluate: Callable[..., Tensor]) -> Callable[..., Tensor]:
-        def recorded(inputs: Tensor, attributes: Tensor) -> Tensor:
+    def _wrap(self, evaluate: Callable[[Tensor, Tensor], Energies]) -> Callable[[Tensor, Tensor], Energies]:
+        def recorded(inputs: Tensor, attributes: Tensor) -> Energies:
             self._calls.append((evaluate, inputs, attributes))
             return evaluate(inputs, attributes)
 
