@@ -89,11 +89,11 @@ class TrajectoryFile:
         """How many random starts a sequence took; 1 if the first was accepted."""
         return self._file()["attempts"][:]
 
-    @property
+    @cached_property
     def num_sequences(self) -> int:
         return self._file()["positions"].shape[0]
 
-    @property
+    @cached_property
     def num_frames(self) -> int:
         return self._file()["positions"].shape[1]
 
