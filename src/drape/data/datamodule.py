@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -108,6 +108,13 @@ class TrajectoryDataModule(lightning.LightningDataModule):
             gravity=torch.from_numpy(self.file.gravity),
             dt=float(self.file.dt),
         )
+
+    def spaced_windows(self, count: int, batch_size: int) -> Iterator[Window]:
+        """At most ``count`` windows of the training split, evenly spaced, in batches of about ``batch_size``."""
+        total = len(self.train_sequences) * self.windows_per_sequence
+        chosen = np.unique(np.linspace(0, total - 1, min(count, total)).astype(np.int64))
+        for indices in np.array_split(chosen, -(-len(chosen) // batch_size)):
+            yield self.windows(self.train_sequences, indices)
 
     def loader(self, sequences: np.ndarray, batch_size: int, **order: int) -> WindowLoader:
         """All windows of ``sequences`` in batches; ``order`` as in :class:`WindowLoader`."""

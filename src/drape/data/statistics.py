@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from drape.data.datamodule import TrajectoryDataModule
 from drape.scene.geometry import EdgeGeometry
 
@@ -22,11 +20,10 @@ def training_statistics(data: TrajectoryDataModule) -> dict[str, float]:
     cloth over the square root of the number of its edges [J]; ``edge_energy_density``, the same over ``area`` [J/m²];
     ``typical_work``, the mean internal force on a vertex times ``stretch_typical`` [J].
     """
-    total = len(data.train_sequences) * data.windows_per_sequence
-    chosen = np.unique(np.linspace(0, total - 1, min(WINDOWS, total)).astype(np.int64))
     sums = dict.fromkeys(("stretch", "speed", "balance", "force", "median", "area"), 0.0)
-    for indices in np.array_split(chosen, math.ceil(len(chosen) / BATCH)):
-        window = data.windows(data.train_sequences, indices)
+    seen = 0
+    for window in data.spaced_windows(WINDOWS, BATCH):
+        seen += window.mesh.num_meshes
         geometry, previous = EdgeGeometry(window.x_next, window.mesh), EdgeGeometry(window.x, window.mesh)
         stretch = geometry.length - window.mesh.rest_lengths
         means = {
@@ -38,7 +35,8 @@ def training_statistics(data: TrajectoryDataModule) -> dict[str, float]:
             "area": geometry.area.mean(),
         }
         for name, value in means.items():
-            sums[name] += float(value) * len(indices) / len(chosen)
+            sums[name] += float(value) * window.mesh.num_meshes
+    sums = {name: value / seen for name, value in sums.items()}
     edge_energy = math.sqrt(sums["balance"] / data.file.mesh.num_edges)
     return {
         "stretch": math.sqrt(sums["stretch"]),

@@ -120,10 +120,7 @@ def _trainer(plain: dict[str, Any], folder: Path, data: TrajectoryDataModule) ->
 
 
 def _mass_spring_law(data: TrajectoryDataModule) -> MassSpringLaw:
-    total = len(data.train_sequences) * data.windows_per_sequence
-    chosen = np.unique(np.linspace(0, total - 1, min(LAW_WINDOWS, total)).astype(np.int64))
-    batches = np.array_split(chosen, -(-len(chosen) // data.eval_batch_size))
-    return MassSpringLaw.fit((data.windows(data.train_sequences, b) for b in batches), len(data.file.fabrics))
+    return MassSpringLaw.fit(data.spaced_windows(LAW_WINDOWS, data.eval_batch_size), len(data.file.fabrics))
 
 
 def _record(
