@@ -1,0 +1,64 @@
+"""All that is known of a time step before its end: what the energy terms of an incremental potential depend on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from drape.scene.geometry import EdgeGeometry
+from drape.scene.mesh_batch import MeshBatch
+
+
+@dataclass(frozen=True, eq=False)
+class ObstacleStep:
+    """The bodies of a batch over one step as one big triangle mesh."""
+
+    faces: Int[Tensor, "body_faces 3"]
+    x: Float[Tensor, "body_vertices 3"]
+    """Positions at t [m]."""
+    x_next: Float[Tensor, "body_vertices 3"]
+    """Positions at t + dt [m]."""
+    mesh_of_face: Int[Tensor, " body_faces"]
+    """The cloth of the batch that the face is the obstacle of."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The step from t to t + dt of one or several cloths; positions at t + dt are what is looked for."""
+
+    mesh: MeshBatch
+    x: Float[Tensor, "vertices 3"]
+    """Positions at t [m]."""
+    v: Float[Tensor, "vertices 3"]
+    """Velocities at t [m/s]."""
+    mass: Float[Tensor, " vertices"]
+    """Mass of each vertex [kg]."""
+    free: Bool[Tensor, " vertices"]
+    """False where a vertex is pinned."""
+    attributes: Float[Tensor, "meshes attributes"]
+    """The vector **a** of each cloth's fabric, scaled."""
+    gravity: Float[Tensor, "3"]
+    """[m/s²]"""
+    dt: float
+    """Time step [s]."""
+    external_force: Float[Tensor, "vertices 3"] | None = None
+    """Constant over the step [N]."""
+    obstacle: ObstacleStep | None = None
+
+    @cached_property
+    def geometry(self) -> EdgeGeometry:
+        """Geometry of the edges at t."""
+        return EdgeGeometry(self.x, self.mesh)
+
+    @cached_property
+    def inertial(self) -> Float[Tensor, "vertices 3"]:
+        """x̂ = x + dt v: where the cloth would be without forces [m] (paper, after eq. 8)."""
+        return self.x + self.dt * self.v
+
+    def sum_stencils(self, per_stencil: Float[Tensor, " stencils"], vertex: Int[Tensor, " stencils"]) -> Tensor:
+        """Sum energies of stencils over the meshes that their vertices belong to, in the precision of the positions."""
+        total = per_stencil.new_zeros(self.mesh.num_meshes)
+        return total.index_add(0, self.mesh.mesh_of_vertex[vertex], per_stencil)

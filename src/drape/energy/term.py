@@ -1,0 +1,49 @@
+"""The contract of everything that an incremental potential is a sum of."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from drape.energy.step import Step
+
+
+class Stencils(NamedTuple):
+    """Positive semi-definite pieces of a Hessian: piece s couples the vertices ``vertices[s]`` by ``blocks[s]``."""
+
+    vertices: Int[Tensor, "stencils corners"]
+    blocks: Float[Tensor, "stencils corners 3 corners 3"]
+    """[N/m]"""
+
+
+class EnergyTerm(nn.Module, ABC):
+    """One summand of an incremental potential, in joules, differentiable in the positions at the end of a step.
+
+    A term says in ``forward`` what it costs, and for a solver in ``stencils`` how stiff it is; it never decides
+    whether it belongs into a scene (see :mod:`drape.energy.incremental_potential`).
+    """
+
+    name: str
+    """Short name, the same in logs, tables and messages."""
+
+    @abstractmethod
+    def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
+        """Energy of each cloth for the step that ends at ``x_next`` [J]."""
+
+    def energy_and_gradient(
+        self, x_next: Float[Tensor, "vertices 3"], step: Step
+    ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
+        """The energy [J] and its gradient, minus the force on each vertex [N]; no graph. Override where it is faster."""
+        with torch.enable_grad():
+            x_next = x_next.detach().requires_grad_()
+            energy = self(x_next, step)
+            (gradient,) = torch.autograd.grad(energy.sum(), x_next)
+        return energy.detach(), gradient
+
+    @abstractmethod
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
+        """A positive semi-definite approximation of the Hessian at ``x_next``, piece by piece; [] where it is zero."""
