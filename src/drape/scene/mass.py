@@ -1,0 +1,44 @@
+"""What each vertex of a cloth weighs, by one of two rules that the scene names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from drape.errors import DrapeError
+from drape.scene.mesh import ClothMesh
+
+RULES = ("per_vertex", "areal_density")
+
+
+def vertex_masses(mesh: ClothMesh, mass: Mapping[str, float]) -> Float[np.ndarray, " vertices"]:
+    """Mass of each vertex [kg], by exactly one rule of ``mass``.
+
+    * ``{per_vertex: m}``: m [kg] each, whatever its area, as in Blender; a finer mesh of the same cloth is heavier.
+    * ``{areal_density: ρ}``: ρ [kg/m²] times a third of the rest areas of its faces; the same cloth weighs the same at
+      every resolution.
+
+    Raises:
+        DrapeError: no rule, both, an unknown one, or a value that is not a positive number.
+    """
+    if len(mass) != 1 or next(iter(mass)) not in RULES:
+        raise DrapeError(
+            f"mass: found {dict(mass)}; expected exactly one of {{per_vertex: kg}} (Blender's way) and "
+            "{areal_density: kg/m2}"
+        )
+    rule, value = next(iter(mass.items()))
+    if not math.isfinite(value) or value <= 0:
+        raise DrapeError(f"mass.{rule}: found {value}; expected a positive number")
+    if rule == "per_vertex":
+        return np.full(mesh.num_vertices, float(value))
+    return float(value) * vertex_areas(mesh)
+
+
+def vertex_areas(mesh: ClothMesh) -> Float[np.ndarray, " vertices"]:
+    """A third of the rest areas of the faces at each vertex [m²]; they sum to the area of the cloth."""
+    corners = mesh.rest_positions[mesh.faces].astype(np.float64)
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return np.bincount(mesh.faces.reshape(-1), np.repeat(area / 3.0, 3), minlength=mesh.num_vertices)
