@@ -43,8 +43,9 @@ def frozen_indices(values: object, shape: tuple[int | None, ...], what: str) -> 
     """
     array = frozen_floats(values, shape, what)
     whole = array.astype(np.int64)
-    if (whole != array).any() or (whole < 0).any():
-        raise DrapeError(f"{what}: found {array[(whole != array) | (whole < 0)][0]:g}; expected whole numbers from 0 on")
+    bad = (whole != array) | (whole < 0)
+    if bad.any():
+        raise DrapeError(f"{what}: found {array[bad][0]:g}; expected whole numbers from 0 on")
     whole.setflags(write=False)
     return whole
 

@@ -1,4 +1,4 @@
-"""The square piece of cloth: a regular grid cut into triangles."""
+"""The square piece of cloth, and longer ones: a regular grid cut into triangles."""
 
 from __future__ import annotations
 
@@ -26,13 +26,27 @@ def square_grid(size: float, resolution: int, pattern: str = "uniform") -> Cloth
             f"square cloth: size {size}, resolution {resolution}, pattern {pattern!r}; "
             f"expected size > 0, resolution >= 2 and a pattern among {', '.join(PATTERNS)}"
         )
-    axis = np.linspace(-size / 2, size / 2, resolution)
-    rows, columns = np.meshgrid(np.arange(resolution), np.arange(resolution), indexing="ij")
-    positions = np.stack([axis[columns], -axis[rows], np.zeros(rows.shape)], axis=-1).reshape(-1, 3)
-    corner = (rows * resolution + columns)[:-1, :-1].reshape(-1)
-    a, b, c, d = corner, corner + resolution, corner + resolution + 1, corner + 1
+    return rectangular_grid((size, size), (resolution, resolution), pattern)
+
+
+def rectangular_grid(size: tuple[float, float], resolution: tuple[int, int], pattern: str = "uniform") -> ClothMesh:
+    """As :func:`square_grid`, with sides ``size`` [m] and numbers of vertices ``resolution`` along x and y.
+
+    Raises:
+        DrapeError: a side that is not positive, fewer than 2 vertices along one, an unknown pattern.
+    """
+    if min(size) <= 0 or min(resolution) < 2 or pattern not in PATTERNS:
+        raise DrapeError(
+            f"rectangular cloth: size {tuple(size)}, resolution {tuple(resolution)}, pattern {pattern!r}; "
+            f"expected sizes > 0, resolutions >= 2 and a pattern among {', '.join(PATTERNS)}"
+        )
+    x, y = (np.linspace(-side / 2, side / 2, count) for side, count in zip(size, resolution, strict=True))
+    rows, columns = np.meshgrid(np.arange(resolution[1]), np.arange(resolution[0]), indexing="ij")
+    positions = np.stack([x[columns], -y[rows], np.zeros(rows.shape)], axis=-1).reshape(-1, 3)
+    corner = (rows * resolution[0] + columns)[:-1, :-1].reshape(-1)
+    a, b, c, d = corner, corner + resolution[0], corner + resolution[0] + 1, corner + 1
     flipped = ((rows + columns)[:-1, :-1].reshape(-1) % 2 == 1) & (pattern == "alternating")
     first = np.where(flipped[:, None], np.stack([a, b, d], 1), np.stack([a, b, c], 1))
     second = np.where(flipped[:, None], np.stack([b, c, d], 1), np.stack([a, c, d], 1))
     faces = np.stack([first, second], axis=1).reshape(-1, 3)
-    return ClothMesh.from_faces(positions.astype(np.float32), faces, name="square cloth")
+    return ClothMesh.from_faces(positions.astype(np.float32), faces, name="rectangular cloth")
