@@ -13,12 +13,16 @@ from pathlib import Path
 import yaml
 from tqdm import tqdm
 
-from drape.blender.plan import make_plan, make_request, refuse_difference
+from drape.blender.plan import make_plan, make_request
 from drape.blender.sequence import cloth_mesh, fabric_of, load_part, part_path, split_of
 from drape.blender.workers import run_workers
+from drape.data.difference import refuse_difference
 from drape.data.hdf5 import TrajectoryFile
 from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
 from drape.errors import DrapeError
+
+OTHERWISE = "delete it, or choose another data.path"
+"""What to do where another data set is in the way."""
 
 
 def generate(data: Mapping, material: Mapping, workers: int | str) -> tuple[TrajectoryFile, bool]:
@@ -37,7 +41,7 @@ def generate(data: Mapping, material: Mapping, workers: int | str) -> tuple[Traj
     if path.exists():
         file = TrajectoryFile(path)
         made = yaml.safe_load(file.attribute("config")) or {}
-        refuse_difference({key: made.get(key, {}) for key in request}, request, path)
+        refuse_difference({key: made.get(key, {}) for key in request}, request, path, OTHERWISE)
         shutil.rmtree(parts, ignore_errors=True)
         return file, False
     plan = make_plan(request)
@@ -113,7 +117,7 @@ def _claimed(parts: Path, plan: Mapping) -> Iterator[None]:
                 f"{parts}: another generator is at work here; wait for it, or choose another data.path"
             ) from None
         if manifest.exists():
-            refuse_difference(json.loads(manifest.read_text(encoding="utf-8")), plan, parts)
+            refuse_difference(json.loads(manifest.read_text(encoding="utf-8")), plan, parts, OTHERWISE)
         else:
             temporary = manifest.with_suffix(".tmp")
             temporary.write_text(json.dumps(plan, indent=1), encoding="utf-8")

@@ -6,9 +6,9 @@ import difflib
 import json
 import math
 from collections.abc import Mapping
-from pathlib import Path
 
 from drape.blender.presets import blender_version, fabric_settings
+from drape.data.difference import flatten
 from drape.errors import DrapeError
 from drape.scene.grid import PATTERNS
 
@@ -37,15 +37,6 @@ RANGES = ("start.swing", "start.preroll")
 TEXTS = ("name", "path", "pattern")
 NOT_IN_REQUEST = ("name", "path")
 """Keys of ``data`` that do not change the data."""
-
-
-def flatten(tree: Mapping, prefix: str = "") -> dict[str, object]:
-    """``{"a": {"b": 1}}`` as ``{"a.b": 1}``."""
-    flat = {}
-    for key, value in tree.items():
-        inside = isinstance(value, Mapping) and value
-        flat.update(flatten(value, f"{prefix}{key}.") if inside else {f"{prefix}{key}": value})
-    return flat
 
 
 def check_data(data: Mapping) -> None:
@@ -112,16 +103,3 @@ def make_plan(request: Mapping) -> dict:
         for fabric, entry in request["material"].items()
     }
     return json.loads(json.dumps({**request, "settings": settings, "blender_version": blender_version()}))
-
-
-def refuse_difference(found: Mapping, wanted: Mapping, where: Path) -> None:
-    """Raise a DrapeError that lists the keys in which two requests or plans differ, if they do."""
-    there, here = flatten(found), flatten(wanted)
-    keys = [key for key in sorted(there | here) if there.get(key, "nothing") != here.get(key, "nothing")]
-    if keys:
-        lines = [f"{key}: {there.get(key, 'nothing')} there, {here.get(key, 'nothing')} asked for" for key in keys[:5]]
-        more = f"; and {len(keys) - 5} more" if len(keys) > 5 else ""
-        raise DrapeError(
-            f"{where}: was made with another configuration ({'; '.join(lines)}{more}); delete it, or choose another "
-            "data.path"
-        )

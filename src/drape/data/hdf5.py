@@ -42,7 +42,8 @@ class TrajectoryFile:
 
     def _file(self) -> h5py.File:
         if self._handle is None or self._process != os.getpid():
-            self._handle, self._process = _open(self.path), os.getpid()
+            self._handle = open_hdf5(self.path, f"python src/generate.py data.path={self.path}")
+            self._process = os.getpid()
         return self._handle
 
     def attribute(self, name: str) -> object:
@@ -116,13 +117,18 @@ class TrajectoryFile:
         return self._file()["positions"][sequence, start:stop]
 
 
-def _open(path: Path) -> h5py.File:
+def open_hdf5(path: Path, command: str) -> h5py.File:
+    """Open a file for reading; ``command`` is what makes such a file.
+
+    Raises:
+        DrapeError: no such file, not HDF5, or cut off.
+    """
     if not path.is_file():
-        raise DrapeError(f"{path}: no such file; make it with: python src/generate.py data.path={path}")
+        raise DrapeError(f"{path}: no such file; make it with: {command}")
     try:
         return h5py.File(path, "r")
     except OSError as error:
         raise DrapeError(
             f"{path}: found {path.stat().st_size} bytes that are no whole HDF5 file ({error}); it is cut off or "
-            "something else: move it away and run python src/generate.py"
+            f"something else: move it away and run {command}"
         ) from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from jaxtyping import Float, Int
 import drape
 from drape.data import schema
 from drape.data.hdf5 import TrajectoryFile
+from drape.data.whole_file import flush, reserve, whole_file
 from drape.errors import DrapeError
 from drape.scene.mesh import ClothMesh
 
@@ -56,28 +56,15 @@ def write_trajectories(path: Path, header: DatasetHeader, sequences: Iterable[St
         OSError: the disk is full or not writable; ``path`` is untouched.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     sequences = iter(sequences)
     first = list(itertools.islice(sequences, 1))
-    try:
-        _reserve(temporary, count * sum(sequence.positions.nbytes for sequence in first))
+    with whole_file(path) as temporary:
+        reserve(temporary, count * sum(sequence.positions.nbytes for sequence in first))
         with h5py.File(temporary, "w") as file:
             _write_header(file, header)
             _write_sequences(file, itertools.chain(first, sequences), count)
         TrajectoryFile(temporary).close()
-        with open(temporary, "rb+") as handle:
-            os.fsync(handle.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _reserve(path: Path, size: int) -> None:
-    """Find out now whether ``size`` bytes fit: HDF5 cannot even close a file on a disk that is full."""
-    with open(path, "wb") as file:
-        if size > 0 and hasattr(os, "posix_fallocate"):
-            os.posix_fallocate(file.fileno(), 0, size)
+        flush(temporary)
 
 
 def _write_header(file: h5py.File, header: DatasetHeader) -> None:

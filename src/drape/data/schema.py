@@ -78,7 +78,7 @@ def check_file(file: h5py.File, path: Path) -> None:
     _check_attributes(file, path)
     lengths: dict[str, int] = {}
     for field in FIELDS:
-        _check_field(file, path, field, lengths)
+        check_field(file, path, field, lengths)
     _check_materials(file, path)
     _check_indices(file, path, lengths["vertices"])
     _check_positions(file["positions"], path)
@@ -102,7 +102,12 @@ def _check_attributes(file: h5py.File, path: Path) -> None:
         raise DrapeError(f"{path}: attributes dt and fps: found {dt} s and {fps} 1/s; expected dt = 1 / fps > 0")
 
 
-def _check_field(file: h5py.File, path: Path, field: Field, lengths: dict[str, int]) -> None:
+def check_field(file: h5py.File, path: Path, field: Field, lengths: dict[str, int]) -> None:
+    """Check shape, kind of number and unit of one dataset; ``lengths`` gains the dimensions seen for the first time.
+
+    Raises:
+        DrapeError: path, name, what was found, what was expected.
+    """
     dataset = file.get(field.name)
     dims = ", ".join(str(lengths.get(dim, dim)) for dim in field.dims)
     expected = f"expected {field.dtype} of shape ({dims})"
