@@ -102,3 +102,14 @@ class Scene:
                 f"{self.frames} more), or 1 that holds at all times; set frames to {moving.num_frames - 1} or fewer, "
                 "or give a longer motion"
             )
+
+
+def frame_time(fps: float) -> float:
+    """Time between frames [s] of a scene with ``fps`` frames per second.
+
+    Raises:
+        DrapeError: a rate that is not positive.
+    """
+    if not math.isfinite(fps) or fps <= 0:
+        raise DrapeError(f"scene.fps: found {fps}; expected frames per second, more than 0")
+    return 1.0 / fps

@@ -1,0 +1,65 @@
+"""A sequence of a data file as a scene: a simulator starts from two recorded frames and goes on by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from drape.data.hdf5 import TrajectoryFile
+from drape.errors import DrapeError
+from drape.scene.mass import vertex_masses
+from drape.scene.material import Material
+from drape.scene.pins import Pins
+from drape.scene.scene import Scene
+from drape.scene.state import State
+
+START = 1
+"""The recorded frame at which the scene begins: the first with a velocity."""
+
+
+def held_out(path: str, fabric: str, sequence: int, frames: int) -> Scene:
+    """Test sequence number ``sequence`` (0, 1, ...) of ``fabric``: mesh, pins, masses and gravity as recorded.
+
+    The scene begins at the recorded frame 1 with ``v = (x¹ - x⁰) / dt``; its frame k is the recorded frame k + 1.
+
+    Raises:
+        DrapeError: no such file, fabric or sequence, or fewer recorded frames than asked for.
+    """
+    file = TrajectoryFile(path)
+    first, second = file.positions(_index(file, fabric, sequence), 0, START + 1).astype(np.float64)
+    if not 1 <= frames <= file.num_frames - START - 1:
+        raise DrapeError(
+            f"{path}: scene.frames: found {frames}; expected 1..{file.num_frames - START - 1}, as the file has "
+            f"{file.num_frames} frames a sequence and the scene begins at frame {START}"
+        )
+    material = Material.from_settings(fabric, file.materials[fabric])
+    return Scene(
+        name=f"held_out_{fabric}_{sequence}",
+        mesh=file.mesh,
+        initial=State(second, (second - first) / file.dt),
+        material=material,
+        mass=vertex_masses(file.mesh, {"per_vertex": material.mass_per_vertex}),
+        gravity=file.gravity,
+        dt=file.dt,
+        frames=frames,
+        pins=Pins.fixed(file.pinned, second),
+    )
+
+
+def recorded(path: str, fabric: str, sequence: int, frames: int) -> Float[np.ndarray, "frames vertices 3"]:
+    """What Blender made of :func:`held_out`: positions [m] of the scene's frames 0 to ``frames``."""
+    file = TrajectoryFile(path)
+    return file.positions(_index(file, fabric, sequence), START, START + frames + 1).astype(np.float64)
+
+
+def _index(file: TrajectoryFile, fabric: str, sequence: int) -> int:
+    if fabric not in file.fabrics:
+        raise DrapeError(f"{file.path}: found no fabric {fabric!r}; expected one of {', '.join(file.fabrics)}")
+    test = file.split("test")
+    of_fabric = test[file.fabric[test] == file.fabrics.index(fabric)]
+    if not 0 <= sequence < len(of_fabric):
+        raise DrapeError(
+            f"{file.path}: scene.sequence: found {sequence}; expected 0..{len(of_fabric) - 1}, as the test split has "
+            f"{len(of_fabric)} sequences of {fabric}"
+        )
+    return int(of_fabric[sequence])

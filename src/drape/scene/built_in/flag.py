@@ -1,0 +1,48 @@
+"""A flag in a constant force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from drape.scene.grid import rectangular_grid
+from drape.scene.mass import vertex_areas, vertex_masses
+from drape.scene.material import Material
+from drape.scene.pins import Pins
+from drape.scene.scene import Scene, frame_time
+from drape.scene.state import State
+
+
+def flag(
+    size: Sequence[float],
+    resolution: Sequence[int],
+    pattern: str,
+    force_per_area: Sequence[float],
+    material: Material,
+    mass: Mapping[str, float],
+    gravity: Sequence[float],
+    fps: float,
+    frames: int,
+) -> Scene:
+    """A vertical rectangle in the xz plane, ``size`` (along x, height) [m], held along its edge at the lowest x.
+
+    ``force_per_area`` (x, y, z) [N/m²] acts all the time, on every vertex by its share of the area.
+
+    Raises:
+        DrapeError: see :func:`rectangular_grid`, :func:`vertex_masses`, :class:`Scene`.
+    """
+    mesh = rectangular_grid((size[0], size[1]), (resolution[0], resolution[1]), pattern)
+    x = mesh.rest_positions.astype(np.float64)[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
+    return Scene(
+        name="flag",
+        mesh=mesh,
+        initial=State.at_rest(x),
+        material=material,
+        mass=vertex_masses(mesh, mass),
+        gravity=gravity,
+        dt=frame_time(fps),
+        frames=frames,
+        pins=Pins.fixed(np.arange(resolution[1]) * resolution[0], x),
+        external_force=vertex_areas(mesh)[:, None] * np.asarray(force_per_area, np.float64),
+    )

@@ -1,0 +1,65 @@
+"""A square of cloth that falls on a moving sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import trimesh
+
+from drape.errors import DrapeError
+from drape.scene.grid import square_grid
+from drape.scene.mass import vertex_masses
+from drape.scene.material import Material
+from drape.scene.obstacle import Obstacle
+from drape.scene.scene import Scene, frame_time
+from drape.scene.state import State
+
+
+def sphere(
+    size: float,
+    resolution: int,
+    pattern: str,
+    radius: float,
+    subdivisions: int,
+    gap: float,
+    sway: Sequence[float],
+    period: float,
+    friction: float | None,
+    material: Material,
+    mass: Mapping[str, float],
+    gravity: Sequence[float],
+    fps: float,
+    frames: int,
+) -> Scene:
+    """A square of side ``size`` [m], horizontal, ``gap`` above an icosphere of ``radius`` [m]; nothing is pinned.
+
+    The sphere starts at rest and moves to and fro by ``sway`` (x, y, z) [m] within ``period`` [s]:
+    ``centre(t) = ½ (1 - cos(2π t / period)) sway``. The cloth lies at z = 0.
+
+    Raises:
+        DrapeError: a radius or period that is not positive; see also :func:`square_grid`, :func:`vertex_masses`,
+            :class:`Scene`.
+    """
+    if radius <= 0 or period <= 0 or not 0 <= subdivisions <= 6:
+        raise DrapeError(
+            f"scene: radius {radius}, period {period}, subdivisions {subdivisions}; expected radius > 0 m, "
+            "period > 0 s and 0 to 6 subdivisions of the sphere"
+        )
+    mesh = square_grid(size, resolution, pattern)
+    ball = trimesh.creation.icosphere(subdivisions, radius)
+    dt = frame_time(fps)
+    share = 0.5 * (1.0 - np.cos(2 * np.pi * dt * np.arange(frames + 1) / period))
+    centre = [0.0, 0.0, -radius - gap] + share[:, None] * np.asarray(sway, np.float64)
+    return Scene(
+        name="sphere",
+        mesh=mesh,
+        initial=State.at_rest(mesh.rest_positions),
+        material=material,
+        mass=vertex_masses(mesh, mass),
+        gravity=gravity,
+        dt=dt,
+        frames=frames,
+        obstacle=Obstacle(ball.faces, ball.vertices + centre[:, None]),
+        friction=friction,
+    )

@@ -1,0 +1,45 @@
+"""Which vertices of a garment are pinned: a list, or a rule that needs no counting."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from drape.errors import DrapeError
+from drape.scene.frozen_array import frozen_indices
+
+
+def pinned_vertices(
+    pins: Sequence[int] | Mapping[str, float] | None,
+    x: Float[np.ndarray, "vertices 3"],
+    gravity: Sequence[float],
+) -> Int[np.ndarray, " pinned"] | None:
+    """Vertex indices, or None where nothing is pinned.
+
+    ``pins``: indices; ``{top: d}`` for all vertices within ``d`` [m] below the highest (up is against gravity, or +z
+    without gravity); None or an empty list for none.
+
+    Raises:
+        DrapeError: an unknown rule, a depth that is negative, an index that the cloth does not have.
+    """
+    if pins is None or len(pins) == 0:
+        return None
+    if isinstance(pins, Mapping):
+        depth = pins.get("top")
+        if len(pins) != 1 or not isinstance(depth, int | float) or not depth >= 0:
+            raise DrapeError(
+                f"scene.pins: found {dict(pins)}; expected a list of vertex indices, or {{top: metres}} for all "
+                "vertices that lie within so many metres below the highest"
+            )
+        down = np.asarray(gravity, np.float64)
+        up = -down / np.linalg.norm(down) if np.any(down) else np.array([0.0, 0.0, 1.0])
+        height = x @ up
+        return np.flatnonzero(height >= height.max() - depth)
+    vertices = frozen_indices(pins, (None,), "scene.pins")
+    if vertices.max() >= len(x):
+        raise DrapeError(
+            f"scene.pins: found vertex {vertices.max()}; expected 0..{len(x) - 1}, as the cloth has {len(x)} vertices"
+        )
+    return vertices
