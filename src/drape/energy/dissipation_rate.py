@@ -71,3 +71,12 @@ class RateDissipation(DissipationUnits):
         potential = (self.coefficients(torch.asinh(seen), attributes).double() * quantities).sum(-1)
         lost = (self.lost(attributes).double() * quantities).sum(-1)
         return self.energy_scale * potential, self.energy_scale * lost
+
+    def drag(
+        self, speed: Float[Tensor, " edges"], attributes: Float[Tensor, "edges attributes"]
+    ) -> Float[Tensor, " edges"]:
+        """The last of the terms for an edge that is and stays at rest in itself; a negative coefficient counts as 0."""
+        speed = speed / self.speed_scale
+        seen = torch.cat([speed.new_zeros(len(speed), 2 * self.deformation.size), speed[:, None]], -1)
+        coefficient = self.coefficients(torch.asinh(seen), attributes)[:, -1].double().clamp(min=0.0)
+        return self.energy_scale / self.area_scale * coefficient * speed.square()

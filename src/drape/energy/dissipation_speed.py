@@ -44,7 +44,12 @@ class SpeedDissipation(DissipationUnits):
     def energies(
         self, inputs: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]
     ) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
-        speed, area = inputs[:, :1], inputs[:, 1]
-        lost = self.net(torch.cat([speed / self.speed_scale, attributes], -1))[:, 0].double()
-        lost = self.energy_scale * area * lost.square()
+        speed, area = inputs.unbind(-1)
+        lost = area * self.drag(speed, attributes)
         return lost, lost
+
+    def drag(
+        self, speed: Float[Tensor, " edges"], attributes: Float[Tensor, "edges attributes"]
+    ) -> Float[Tensor, " edges"]:
+        seen = torch.cat([speed[:, None] / self.speed_scale, attributes], -1)
+        return self.energy_scale * self.net(seen)[:, 0].double().square()

@@ -1,0 +1,99 @@
+"""The law of an edge: what a fabric stores in the deformation of an edge, and what its motion costs."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from drape.energy.eunet import EUNet
+
+
+class Slopes(NamedTuple):
+    """Energies of edges and their derivatives in the deformation q = (Δl, α, β)."""
+
+    energy: Float[Tensor, " edges"]
+    """[J]"""
+    gradient: Float[Tensor, "edges 3"]
+    """[J/m, J/rad, J/rad]"""
+    hessian: Float[Tensor, "edges 3 3"] | None
+
+
+class EdgeLaw(nn.Module, ABC):
+    """φp(Δl, α, β) and φd(speed) of the edges of a cloth: all that a solver needs to know of a fabric.
+
+    The energies are those of an edge of the mesh that the law was learned on: ``face_area`` [m²] is the mean area of
+    that mesh's faces, ``dt`` [s] the time between the frames that were learned from.
+    """
+
+    face_area: float
+    dt: float
+    bends: bool
+    """Whether φp sees α and β at all; where not, nobody computes normals."""
+
+    @abstractmethod
+    def potential(
+        self, q: Float[Tensor, "edges 3"], attributes: Float[Tensor, "edges attributes"]
+    ) -> Float[Tensor, " edges"]:
+        """φp of q = (Δl [m], α, β [rad]), the changes from rest [J]; differentiable in q."""
+
+    @abstractmethod
+    def drag(
+        self, speed: Float[Tensor, " edges"], attributes: Float[Tensor, "edges attributes"]
+    ) -> Float[Tensor, " edges"]:
+        """φd per adjacent area of an edge that moves with ``speed`` [m/s], over a step of :attr:`dt` [J/m²]."""
+
+    def potential_slopes(
+        self, q: Float[Tensor, "edges 3"], attributes: Float[Tensor, "edges attributes"], *, hessian: bool
+    ) -> Slopes:
+        """φp with its first and, where asked for, second derivatives in q; no graph."""
+        with torch.enable_grad():
+            q = q.detach().requires_grad_()
+            energy = self.potential(q, attributes)
+            (gradient,) = torch.autograd.grad(energy.sum(), q, create_graph=hessian)
+            rows = [torch.autograd.grad(gradient[:, k].sum(), q, retain_graph=True)[0] for k in range(3 * hessian)]
+        return Slopes(energy.detach(), gradient.detach(), torch.stack(rows, 1) if hessian else None)
+
+    def drag_slopes(
+        self, speed: Float[Tensor, " edges"], attributes: Float[Tensor, "edges attributes"]
+    ) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
+        """φd per area [J/m²] and its derivative in the speed [J s/m³]; no graph."""
+        with torch.enable_grad():
+            speed = speed.detach().requires_grad_()
+            energy = self.drag(speed, attributes)
+            (slope,) = torch.autograd.grad(energy.sum(), speed)
+        return energy.detach(), slope
+
+
+class NetworkLaw(EdgeLaw):
+    """The law that the networks of a trained :class:`EUNet` are; see there and in its units for the formulas.
+
+    Of the dissipation units a step of any length takes the drag of the air. What they learned of rates of deformation
+    is not a property of the fabric: seen frame by frame, the tension lags behind, a negative damping of the sampling's
+    own making, which a step forward in time must not repeat (its amplification factor for stiff edges exceeds 1).
+    """
+
+    def __init__(self, energy: EUNet, face_area: float, dt: float):
+        super().__init__()
+        self.energy = energy
+        self.face_area = face_area
+        self.dt = dt
+        self.bends = energy.potential.deformation.size > 1
+
+    def potential(
+        self, q: Float[Tensor, "edges 3"], attributes: Float[Tensor, "edges attributes"]
+    ) -> Float[Tensor, " edges"]:
+        stretch, angles = q[:, :1], q[:, 1:]
+        pairs = torch.stack([angles.cos(), angles.sin()], -1).flatten(1)
+        inputs = torch.cat([stretch, pairs], -1) if self.bends else stretch
+        return self.energy.potential.energies(inputs, attributes).to(q.dtype)
+
+    def drag(
+        self, speed: Float[Tensor, " edges"], attributes: Float[Tensor, "edges attributes"]
+    ) -> Float[Tensor, " edges"]:
+        if not self.energy.dissipates:
+            return torch.zeros_like(speed)
+        return self.energy.units["dissipation"].drag(speed, attributes).to(speed.dtype)
