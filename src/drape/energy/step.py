@@ -59,6 +59,12 @@ class Step:
         return self.x + self.dt * self.v
 
     def sum_stencils(self, per_stencil: Float[Tensor, " stencils"], vertex: Int[Tensor, " stencils"]) -> Tensor:
-        """Sum energies of stencils over the meshes that their vertices belong to, in the precision of the positions."""
+        """Sum energies of stencils over the meshes that their vertices belong to, in float64.
+
+        Single precision would drown the last improvements of a line search in the rounding of a long sum.
+        """
+        per_stencil = per_stencil.double()
+        if self.mesh.num_meshes == 1:
+            return per_stencil.sum()[None]
         total = per_stencil.new_zeros(self.mesh.num_meshes)
         return total.index_add(0, self.mesh.mesh_of_vertex[vertex], per_stencil)

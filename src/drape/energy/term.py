@@ -37,7 +37,7 @@ class EnergyTerm(nn.Module, ABC):
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
-        """The energy [J] and its gradient, minus the force on each vertex [N]; no graph. Override where it is faster."""
+        """The energy [J] and its gradient, minus the force on each vertex [N]; no graph. Override where faster."""
         with torch.enable_grad():
             x_next = x_next.detach().requires_grad_()
             energy = self(x_next, step)

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from drape.scene.geometry import EdgeGeometry
 from drape.scene.mesh import ClothMesh
+from drape.scene.rest_shape import RestFaces, RestHinges
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,17 @@ class MeshBatch:
     def rest(self) -> EdgeGeometry:
         """Lengths and angles of the rest positions."""
         return EdgeGeometry(self.rest_positions, self)
+
+    @cached_property
+    def rest_faces(self) -> RestFaces:
+        """Shapes of the faces at rest, float64."""
+        return RestFaces.of(self.rest_positions, self.faces)
+
+    @cached_property
+    def rest_hinges(self) -> RestHinges:
+        """Shapes of the interior edges at rest, float64."""
+        interior = ~self.boundary
+        return RestHinges.of(self.rest_positions, self.faces, self.edges[interior], self.edge_faces[interior])
 
     def pairs_within(self, hops: int) -> Int[Tensor, "2 pairs"]:
         """All ordered pairs of different vertices at most ``hops`` edges apart; computed once for each ``hops``."""

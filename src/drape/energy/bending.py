@@ -1,0 +1,94 @@
+"""The bending energy of PHYS: hinges between neighbouring faces."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from drape.energy.step import Step
+from drape.energy.term import EnergyTerm, Stencils
+from drape.errors import DrapeError
+from drape.scene.corners import dot
+from drape.scene.geometry import TINY
+from drape.scene.mesh_batch import MeshBatch
+from drape.scene.rest_shape import HingeShape
+
+DEGENERATE = 1e-12
+"""Below this cos² + sin² one of the two faces has no area and the angle counts as zero."""
+
+
+class _Bend(NamedTuple):
+    shape: HingeShape
+    angle: Float[Tensor, " hinges"]
+    """Δθ"""
+    weight: Float[Tensor, " hinges"]
+    """k / (4 (A1 + A2)) [N/m]"""
+
+
+class Bending(EnergyTerm):
+    """``Σ_hinges k l² / (4 (A1 + A2)) · Δθ²/2`` [J] (FACTS 3.4).
+
+    l is the length of the edge as it is now, A1 and A2 are the rest areas of its faces, Δθ is the change of the
+    dihedral angle from the rest state (HOOD takes a flat one), in (-π, π]. So an energy is half the square of
+    ``r = l Δθ``, and its gradient and Gauss-Newton Hessian come from ∂r/∂x, which stays bounded as l goes to zero.
+
+    Args:
+        stiffness: k [J]; the default is HOOD's.
+
+    Raises:
+        DrapeError: a stiffness that is not positive.
+    """
+
+    name = "bending"
+
+    def __init__(self, stiffness: float = 3.9625778e-05):
+        super().__init__()
+        if not stiffness > 0:
+            raise DrapeError(f"energy term bending: stiffness {stiffness} J; expected more than 0")
+        self.stiffness = stiffness
+
+    def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
+        bend = self._bend(x_next, step.mesh)
+        energies = 0.5 * bend.weight * (bend.shape.length * bend.angle).square()
+        return step.sum_stencils(energies, step.mesh.rest_hinges.corners.vertices[:, 0])
+
+    def energy_and_gradient(
+        self, x_next: Float[Tensor, "vertices 3"], step: Step
+    ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
+        bend = self._bend(x_next.detach(), step.mesh)
+        corners = step.mesh.rest_hinges.corners
+        size = bend.shape.length * bend.angle
+        pull = bend.weight * size
+        gradient = corners.scatter(pull * _slope(bend), len(x_next))
+        return step.sum_stencils(0.5 * pull * size, corners.vertices[:, 0]), gradient
+
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
+        """``k / (4 (A1 + A2)) ∂r ∂rᵀ`` (Gauss-Newton): the Hessian where Δθ = 0."""
+        bend = self._bend(x_next.detach(), step.mesh)
+        row = (bend.weight.sqrt() * _slope(bend)).flatten(0, 1)
+        blocks = (row[:, None] * row).view(4, 3, 4, 3, -1)
+        return [Stencils(step.mesh.rest_hinges.corners.vertices, blocks.permute(4, 0, 1, 2, 3))]
+
+    def _bend(self, x: Float[Tensor, "vertices 3"], mesh: MeshBatch) -> _Bend:
+        rest = mesh.rest_hinges
+        shape = HingeShape(rest.corners.gather(x), TINY * mesh.length_scale)
+        rest_cosine, rest_sine = rest.cosine.to(x.dtype), rest.sine.to(x.dtype)
+        cosine = shape.cosine * rest_cosine + shape.sine * rest_sine
+        sine = shape.sine * rest_cosine - shape.cosine * rest_sine
+        flat = cosine.square() + sine.square() < DEGENERATE
+        angle = torch.atan2(sine, cosine.masked_fill(flat, 1.0))
+        return _Bend(shape, angle, (self.stiffness / (4.0 * rest.area)).to(x.dtype))
+
+
+def _slope(bend: _Bend) -> Float[Tensor, "4 3 hinges"]:
+    """∂(l Δθ)/∂x: with the unit normals and the heights h of the faces, the far corners move θ by ``-n/h``."""
+    shape = bend.shape
+    tilt1, tilt2 = shape.normal1 / shape.double_area1.square(), shape.normal2 / shape.double_area2.square()
+    square = shape.length.square()
+    third, fourth = -square * tilt1, -square * tilt2
+    stretch = (bend.angle / shape.length) * shape.edge
+    end = dot(shape.arm1, shape.edge) * tilt1 + dot(shape.arm2, shape.edge) * tilt2 + stretch
+    return torch.stack([-(end + third + fourth), end, third, fourth])

@@ -1,0 +1,37 @@
+"""The price of deviating from free motion, which makes a minimum of the potential a step of implicit Euler."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from drape.energy.step import Step
+from drape.energy.term import EnergyTerm, Stencils
+
+
+class Inertia(EnergyTerm):
+    """``Σ m |x' - (x + dt v)|² / (2 dt²)`` [J] (paper, after eq. 8).
+
+    Evaluated as ``(x' - x) - dt v``: far from the origin ``x + dt v`` would round the motion of the step away.
+    """
+
+    name = "inertia"
+
+    def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
+        deviation = (x_next - step.x) - step.dt * step.v
+        return step.mesh.sum_vertices(0.5 * (step.mass / step.dt**2) * deviation.square().sum(-1))
+
+    def energy_and_gradient(
+        self, x_next: Float[Tensor, "vertices 3"], step: Step
+    ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
+        deviation = (x_next.detach() - step.x) - step.dt * step.v
+        gradient = (step.mass / step.dt**2)[:, None] * deviation
+        return step.mesh.sum_vertices(0.5 * (gradient * deviation).sum(-1)), gradient
+
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
+        """m/dt² on the diagonal: exact."""
+        vertices = torch.arange(len(x_next), device=x_next.device)[:, None]
+        identity = torch.eye(3, dtype=x_next.dtype, device=x_next.device)
+        blocks = (step.mass / step.dt**2)[:, None, None] * identity
+        return [Stencils(vertices, blocks[:, None, :, None, :])]

@@ -1,0 +1,96 @@
+"""What the rest positions of a cloth say of its faces and of the hinges between them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from drape.scene.corners import Corners, cross, dot
+from drape.scene.geometry import TINY
+
+
+class RestFaces(NamedTuple):
+    """Faces at rest: ``D_m⁻¹ = [[a, b], [0, d]]`` [1/m] of the rest edges in the plane of the face, and areas.
+
+    With the edges ``D_s = [x1 - x0, x2 - x0]`` the deformation gradient is ``F = D_s D_m⁻¹`` (3 x 2), the first axis
+    of the plane along the first edge.
+    """
+
+    corners: Corners
+    a: Float[Tensor, " faces"]
+    b: Float[Tensor, " faces"]
+    d: Float[Tensor, " faces"]
+    area: Float[Tensor, " faces"]
+    """[m²]"""
+
+    @classmethod
+    def of(cls, rest_positions: Float[Tensor, "vertices 3"], faces: Int[Tensor, "faces 3"]) -> RestFaces:
+        """Of faces that have an area (``ClothMesh`` accepts no others)."""
+        corners = Corners.of(faces)
+        x0, x1, x2 = corners.gather(rest_positions)
+        first, second = x1 - x0, x2 - x0
+        double_area = dot(cross(first, second), cross(first, second)).sqrt()
+        length = dot(first, first).sqrt()
+        height = double_area / length
+        along = dot(first, second) / length
+        return cls(corners, 1.0 / length, -along / (length * height), 1.0 / height, 0.5 * double_area)
+
+
+class RestHinges(NamedTuple):
+    """The interior edges at rest with the four vertices that span them: edge from, edge to, opposite, opposite.
+
+    The third corner belongs to the face along which the edge runs forwards.
+    """
+
+    corners: Corners
+    cosine: Float[Tensor, " hinges"]
+    """cos of the rest angle; 1 where flat."""
+    sine: Float[Tensor, " hinges"]
+    """sin of the rest angle, positive where the cloth bends away from its normals."""
+    area: Float[Tensor, " hinges"]
+    """Area of the two faces [m²]."""
+
+    @classmethod
+    def of(
+        cls,
+        rest_positions: Float[Tensor, "vertices 3"],
+        faces: Int[Tensor, "faces 3"],
+        edges: Int[Tensor, "hinges 2"],
+        edge_faces: Int[Tensor, "hinges 2"],
+    ) -> RestHinges:
+        """Of interior ``edges`` with their two faces."""
+        opposite = faces[edge_faces].sum(-1) - edges.sum(-1, keepdim=True)
+        corners = Corners.of(torch.cat([edges, opposite], -1))
+        shape = HingeShape(corners.gather(rest_positions), 0.0)
+        area = 0.5 * (shape.double_area1 + shape.double_area2)
+        size = torch.hypot(shape.cosine, shape.sine)
+        return cls(corners, shape.cosine / size, shape.sine / size, area)
+
+
+class HingeShape:
+    """Edge, normals and angle of hinges whose corners stand at ``x``; finite for every input.
+
+    Lengths count as zero below ``smallest`` [m], areas below ``smallest²/TINY``, so with ``smallest = TINY·L`` all is
+    judged against the size L of the mesh.
+    """
+
+    def __init__(self, x: Float[Tensor, "4 3 hinges"], smallest: Tensor | float):
+        start, end, third, fourth = x
+        self.edge = end - start
+        self.arm1 = third - start
+        self.arm2 = fourth - start
+        self.length = _size(self.edge, smallest)
+        self.normal1 = cross(self.edge, self.arm1)
+        self.normal2 = cross(self.arm2, self.edge)
+        self.double_area1 = _size(self.normal1, smallest**2 / TINY)
+        self.double_area2 = _size(self.normal2, smallest**2 / TINY)
+        unit1, unit2 = self.normal1 / self.double_area1, self.normal2 / self.double_area2
+        self.cosine = dot(unit1, unit2)
+        self.sine = dot(cross(unit1, unit2), self.edge) / self.length
+
+
+def _size(vectors: Float[Tensor, "3 pieces"], smallest: Tensor | float) -> Float[Tensor, " pieces"]:
+    return (dot(vectors, vectors) + smallest**2).sqrt()

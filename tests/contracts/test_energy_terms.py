@@ -1,0 +1,212 @@
+"""What holds for every summand of an incremental potential."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from tests.terms import TERMS, assembled, converted, make_step, moved, renumbered
+
+every_term = pytest.mark.parametrize("name", TERMS)
+elastic_terms = pytest.mark.parametrize("name", [name for name, member in TERMS.items() if member.elastic])
+exact_terms = pytest.mark.parametrize("name", [name for name, member in TERMS.items() if member.exact])
+
+
+def rotation() -> torch.Tensor:
+    turn, _ = torch.linalg.qr(torch.randn(3, 3, dtype=torch.float64))
+    return turn * torch.det(turn)
+
+
+@every_term
+def test_gradient(name, small_cloth):
+    """The gradient of the energy agrees with finite differences, and is not zero."""
+    term = TERMS[name].make()
+    step, x_next = make_step(small_cloth)
+    x = x_next.clone().requires_grad_()
+    assert torch.autograd.grad(term(x, step).sum(), x)[0].norm() > 1e-9
+    assert torch.autograd.gradcheck(lambda x: term(x, step), x, atol=1e-7, rtol=1e-5)
+
+
+@every_term
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+def test_fast_gradient_is_that_of_autograd(name, dtype, cloth, small_cloth):
+    """``energy_and_gradient`` returns the energy of ``forward`` and its gradient, without a graph."""
+    term = TERMS[name].make()
+    step, x_next = make_step(cloth, small_cloth, dtype=dtype)
+    x = x_next.clone().requires_grad_()
+    energy = term(x, step)
+    (gradient,) = torch.autograd.grad(energy.sum(), x)
+    fast_energy, fast_gradient = term.energy_and_gradient(x, step)
+    assert not fast_energy.requires_grad
+    assert not fast_gradient.requires_grad
+    assert fast_gradient.dtype == dtype
+    tolerance = 1e-9 if dtype == torch.float64 else 1e-4
+    torch.testing.assert_close(fast_energy, energy.detach(), rtol=tolerance, atol=0.0)
+    assert (fast_gradient - gradient).norm() < tolerance * gradient.norm()
+
+
+@every_term
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+def test_stencils_are_positive_semidefinite(name, dtype, cloth):
+    """Each piece is symmetric without negative eigenvalues, in motion, compressed and scrambled."""
+    term = TERMS[name].make()
+    step, x_next = make_step(cloth, dtype=dtype)
+    rounding = 1e-11 if dtype == torch.float64 else 1e-4
+    for x in (x_next, 0.1 * x_next, torch.randn_like(x_next), step.mesh.rest_positions.to(dtype)):
+        for vertices, blocks in term.stencils(x, step):
+            assert blocks.dtype == dtype
+            assert blocks.shape == (len(vertices), vertices.shape[1], 3, vertices.shape[1], 3)
+            size = 3 * vertices.shape[1]
+            pieces = blocks.reshape(-1, size, size)
+            largest = pieces.abs().amax((1, 2))
+            assert ((pieces - pieces.mT).abs().amax((1, 2)) <= rounding * largest).all()
+            assert (torch.linalg.eigvalsh(pieces)[:, 0] >= -rounding * largest).all()
+
+
+@exact_terms
+def test_stencils_are_the_hessian(name, small_cloth):
+    """Where the term promises it, the pieces add up to the second derivative."""
+    member = TERMS[name]
+    term = member.make()
+    step, x_next = make_step(small_cloth)
+    x = member.exact(step, x_next)
+    hessian = torch.autograd.functional.hessian(lambda x: term(x, step).sum(), x).reshape(x.numel(), x.numel())
+    found = assembled(term.stencils(x, step), len(x))
+    assert (found - hessian).abs().max() <= 1e-8 * hessian.abs().max()
+
+
+@every_term
+def test_moving_the_scene_changes_nothing(name, cloth, small_cloth):
+    """Cloth, body, gravity and forces turned and moved together: the same energy, forces turned."""
+    term = TERMS[name].make()
+    step, x_next = make_step(cloth, small_cloth)
+    turn, shift = rotation(), torch.tensor([1.0, -2.0, 3.0], dtype=torch.float64)
+    energy, gradient = term.energy_and_gradient(x_next, step)
+    other, turned = term.energy_and_gradient(x_next @ turn.T + shift, moved(step, turn, shift))
+    torch.testing.assert_close(other, energy, rtol=1e-9, atol=1e-14)
+    assert (turned - gradient @ turn.T).norm() < 1e-8 * gradient.norm()
+
+
+@elastic_terms
+def test_elastic_energy_ignores_rigid_motion(name, cloth):
+    """Turning and moving the cloth alone changes no elastic energy."""
+    term = TERMS[name].make()
+    step, x_next = make_step(cloth)
+    other = term(x_next @ rotation().T + 3.0, step)
+    torch.testing.assert_close(other, term(x_next, step), rtol=1e-9, atol=1e-14)
+
+
+@elastic_terms
+def test_elastic_forces_have_no_sum(name, cloth):
+    """The cloth pushes itself nowhere and turns itself nowhere."""
+    step, x_next = make_step(cloth)
+    _, gradient = TERMS[name].make().energy_and_gradient(x_next, step)
+    assert gradient.norm() > 0
+    assert gradient.sum(0).norm() < 1e-9 * gradient.norm()
+    assert torch.linalg.cross(x_next, gradient).sum(0).norm() < 1e-9 * gradient.norm()
+
+
+@elastic_terms
+def test_no_elastic_energy_at_rest(name, cloth):
+    """The rest state, wherever it lies, stores nothing and pulls nowhere."""
+    term = TERMS[name].make()
+    step, x_next = make_step(cloth)
+    scale, forces = term.energy_and_gradient(x_next, step)
+    energy, gradient = term.energy_and_gradient(step.mesh.rest_positions @ rotation().T + 1.0, step)
+    assert energy.item() < 1e-9 * scale.item()
+    assert gradient.norm() < 1e-9 * forces.norm()
+
+
+@every_term
+def test_batch_is_as_single(name, cloth, small_cloth):
+    """Two meshes in one batch have the energies, forces and stiffness that they have alone."""
+    term = TERMS[name].make()
+    step, x_next = make_step(cloth, small_cloth)
+    energy, gradient = term.energy_and_gradient(x_next, step)
+    matrix = assembled(term.stencils(x_next, step), len(x_next))
+    count = cloth.num_vertices
+    for number, (mesh, part) in enumerate(((cloth, slice(0, count)), (small_cloth, slice(count, None)))):
+        one, end = make_step(mesh)
+        alone, forces = term.energy_and_gradient(end, one)
+        torch.testing.assert_close(energy[number : number + 1], alone, rtol=1e-8, atol=1e-14)
+        assert (gradient[part] - forces).norm() < 1e-8 * forces.norm()
+        expected = assembled(term.stencils(end, one), len(end))
+        rows = slice(3 * part.start, 3 * part.stop if part.stop else None)
+        assert (matrix[rows, rows] - expected).abs().max() <= 1e-8 * expected.abs().max()
+
+
+@every_term
+def test_order_of_vertices_does_not_matter(name, cloth):
+    """Renumbering vertices and faces leaves energy and forces as they are."""
+    term = TERMS[name].make()
+    step, x_next = make_step(cloth)
+    order = torch.randperm(cloth.num_vertices)
+    energy, gradient = term.energy_and_gradient(x_next, step)
+    other, forces = term.energy_and_gradient(x_next[order], renumbered(step, order))
+    torch.testing.assert_close(other, energy, rtol=1e-9, atol=1e-14)
+    assert (forces - gradient[order]).norm() < 1e-9 * gradient.norm()
+
+
+@every_term
+def test_single_precision_is_close(name, cloth):
+    """Positions in float32 give energy and forces of float64 to 0.1 %."""
+    term = TERMS[name].make()
+    step, x_next = make_step(cloth)
+    energy, gradient = term.energy_and_gradient(x_next, step)
+    other, forces = term.energy_and_gradient(x_next.float(), converted(step, torch.float32))
+    torch.testing.assert_close(other.double(), energy, rtol=1e-3, atol=0.0)
+    assert (forces.double() - gradient).norm() < 1e-3 * gradient.norm()
+
+
+@every_term
+def test_far_from_the_origin(name, cloth):
+    """At 10 km the energy and the forces are those at the origin to 1e-6."""
+    term = TERMS[name].make()
+    step, x_next = make_step(cloth)
+    shift = torch.tensor([1e4, -1e4, 1e4], dtype=torch.float64)
+    energy, gradient = term.energy_and_gradient(x_next, step)
+    other, forces = term.energy_and_gradient(x_next + shift, moved(step, torch.eye(3, dtype=torch.float64), shift))
+    torch.testing.assert_close(other, energy, rtol=1e-6, atol=0.0)
+    assert (forces - gradient).norm() < 1e-6 * gradient.norm()
+
+
+def degenerate(rest: torch.Tensor, body: torch.Tensor) -> dict[str, torch.Tensor]:
+    """Cloths that no simulation should see, and every simulation does see."""
+    merged = rest.clone()
+    merged[0] = merged[1]
+    on_edges = 0.5 * (body[:-1] + body[1:])
+    return {
+        "folded": torch.stack([rest[:, 0].abs(), rest[:, 1], rest[:, 2]], -1),
+        "line": rest * torch.tensor([1.0, 0.0, 0.0], dtype=rest.dtype),
+        "point": torch.zeros_like(rest),
+        "point_elsewhere": torch.full_like(rest, 0.1),
+        "merged": merged,
+        "rest": rest,
+        "mirrored": rest * torch.tensor([-1.0, 1.0, 1.0], dtype=rest.dtype),
+        "tiny": 1e-9 * rest,
+        "huge": 1e3 * rest,
+        "scrambled": torch.randn_like(rest),
+        "on_body_vertices": body[: len(rest)],
+        "on_body_edges": on_edges[: len(rest)],
+    }
+
+
+@every_term
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+def test_finite_on_degenerate_input(name, dtype, cloth):
+    """Energy, both gradients and stencils are finite for folded, collapsed, scrambled cloth and on the body itself."""
+    term = TERMS[name].make()
+    step, x_next = make_step(cloth, dtype=dtype)
+    cases = degenerate(step.mesh.rest_positions.to(dtype), step.obstacle.x)
+    for case, x in cases.items():
+        for start, end in ((step.x, x), (x, x_next), (x, x)):
+            one = replace(step, x=start)
+            end = end.clone().requires_grad_()
+            energy = term(end, one)
+            (slow,) = torch.autograd.grad(energy.sum(), end)
+            fast_energy, fast = term.energy_and_gradient(end, one)
+            blocks = [stencils.blocks for stencils in term.stencils(end.detach(), one)]
+            for value in (energy, fast_energy, slow, fast, *blocks):
+                assert torch.isfinite(value).all(), case

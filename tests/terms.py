@@ -1,0 +1,135 @@
+"""The family of energy terms that the contract runs on, and steps that have something for each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from drape.energy.bending import Bending
+from drape.energy.external import ExternalForce
+from drape.energy.gravity import Gravity
+from drape.energy.inertia import Inertia
+from drape.energy.step import ObstacleStep, Step
+from drape.energy.stvk import StVK
+from drape.energy.term import EnergyTerm, Stencils
+from drape.scene.grid import square_grid
+from drape.scene.mesh import ClothMesh
+from drape.scene.mesh_batch import MeshBatch
+from tests.conftest import bent
+
+
+@dataclass(frozen=True)
+class Member:
+    """A term and what it promises beyond the contract of all terms."""
+
+    make: Callable[[], EnergyTerm]
+    elastic: bool = False
+    """Forces of the cloth on itself: no energy and no force at rest, no total force, no total torque."""
+    exact: Callable[[Step, Tensor], Tensor] | None = None
+    """Positions at the end of the step where the stencils are the Hessian, from those of :func:`make_step`."""
+
+
+def anywhere(step: Step, x_next: Tensor) -> Tensor:
+    return x_next
+
+
+def at_rest(step: Step, x_next: Tensor) -> Tensor:
+    return step.mesh.rest_positions.to(x_next.dtype)
+
+
+def stretched(step: Step, x_next: Tensor) -> Tensor:
+    return at_rest(step, x_next) * torch.tensor([1.1, 1.2, 1.0], dtype=x_next.dtype)
+
+
+TERMS = {
+    "inertia": Member(Inertia, exact=anywhere),
+    "gravity": Member(Gravity, exact=anywhere),
+    "external": Member(ExternalForce, exact=anywhere),
+    "stvk": Member(StVK, elastic=True, exact=stretched),
+    "bending": Member(Bending, elastic=True, exact=at_rest),
+}
+"""Every energy term; a new one gets its line here, and the whole contract runs on it."""
+
+
+def make_step(*meshes: ClothMesh, dtype: torch.dtype = torch.float64) -> tuple[Step, Tensor]:
+    """A step of cloths in smooth motion close above moving bodies, in wind, and positions at its end.
+
+    All is a function of the rest positions, so that a cloth has the same step alone and in a batch; the cloths and
+    bodies of a batch stand at the same place.
+    """
+    mesh = MeshBatch.from_meshes(meshes)
+    rest = mesh.rest_positions
+    x = bent(rest)
+    motion = 0.02 * torch.stack([rest[:, 1], rest[:, 0] * rest[:, 1], torch.cos(2 * rest[:, 0])], -1)
+    step = Step(
+        mesh=mesh,
+        x=x,
+        v=30.0 * motion,
+        mass=0.2 + 0.05 * torch.sin(3 * rest[:, 0] + rest[:, 1]),
+        free=rest[:, 1] < 0.4,
+        attributes=torch.linspace(0.1, 0.9, 5, dtype=torch.float64).repeat(len(meshes), 1),
+        gravity=torch.tensor([1.0, 2.0, -9.81], dtype=torch.float64),
+        dt=1.0 / 30.0,
+        external_force=torch.stack([rest[:, 1], rest[:, 0], 1.0 + rest[:, 0]], -1),
+        obstacle=_bodies(len(meshes)),
+    )
+    x_next = x + 1.1 * motion + 1e-3 * torch.sin(50.0 * rest.roll(1, -1) + 20.0 * rest)
+    return converted(step, dtype), x_next.to(dtype)
+
+
+def _bodies(count: int) -> ObstacleStep:
+    """Surfaces of the shape of the cloth, wider than it and a few millimetres below it."""
+    body = square_grid(1.5, 9)
+    rest = torch.from_numpy(np.tile(body.rest_positions.astype(np.float64), (count, 1)))
+    number = torch.arange(count).repeat_interleave(body.num_faces)
+    faces = torch.from_numpy(np.tile(body.faces, (count, 1))) + body.num_vertices * number[:, None]
+    x = bent(rest) - torch.tensor([0.0, 0.0, 0.005])
+    drift = torch.stack([0.02 + 0 * rest[:, 0], 0.01 * rest[:, 0], 0.01 + 0.02 * rest[:, 1]], -1)
+    return ObstacleStep(faces, x, x + drift, number)
+
+
+def _changed(step: Step, vector: Callable[[Tensor], Tensor], point: Callable[[Tensor], Tensor]) -> Step:
+    obstacle = step.obstacle
+    return replace(
+        step,
+        x=point(step.x),
+        v=vector(step.v),
+        gravity=vector(step.gravity),
+        external_force=vector(step.external_force),
+        obstacle=replace(obstacle, x=point(obstacle.x), x_next=point(obstacle.x_next)),
+    )
+
+
+def converted(step: Step, dtype: torch.dtype) -> Step:
+    """The step in another precision."""
+    step = _changed(step, lambda v: v.to(dtype), lambda x: x.to(dtype))
+    return replace(step, mass=step.mass.to(dtype), attributes=step.attributes.to(dtype))
+
+
+def moved(step: Step, rotation: Tensor, translation: Tensor) -> Step:
+    """The whole scene turned and moved: cloth, body, gravity, forces."""
+    return _changed(step, lambda v: v @ rotation.T, lambda x: x @ rotation.T + translation)
+
+
+def renumbered(step: Step, order: Tensor) -> Step:
+    """A step of one cloth whose vertex i was vertex ``order[i]``; faces in reverse order."""
+    place = torch.argsort(order).numpy()
+    rest = step.mesh.rest_positions[order].numpy()
+    mesh = MeshBatch.from_meshes([ClothMesh.from_faces(rest, place[step.mesh.faces.numpy()][::-1])])
+    rows = {name: getattr(step, name)[order] for name in ("x", "v", "mass", "free", "external_force")}
+    return replace(step, mesh=mesh, **rows)
+
+
+def assembled(stencils: list[Stencils], num_vertices: int, dtype: torch.dtype = torch.float64) -> Tensor:
+    """The dense matrix of the pieces."""
+    matrix = torch.zeros(3 * num_vertices, 3 * num_vertices, dtype=dtype)
+    for vertices, blocks in stencils:
+        slots = (3 * vertices[:, :, None] + torch.arange(3)).flatten(1)
+        size = slots.shape[1]
+        pairs = (slots[:, :, None].expand(-1, -1, size), slots[:, None, :].expand(-1, size, -1))
+        matrix.index_put_(pairs, blocks.reshape(-1, size, size), accumulate=True)
+    return matrix

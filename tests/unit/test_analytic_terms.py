@@ -1,0 +1,117 @@
+"""Energy terms where the answer is known (values of FACTS 12)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from drape.energy.bending import Bending
+from drape.energy.external import ExternalForce
+from drape.energy.gravity import Gravity
+from drape.energy.inertia import Inertia
+from drape.energy.stvk import StVK
+from drape.errors import DrapeError
+from drape.scene.grid import square_grid
+from drape.scene.mesh import ClothMesh
+from tests.terms import assembled, make_step
+
+HEIGHT = math.sqrt(3.0) / 2.0
+TRIANGLE = ClothMesh.from_faces(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+HINGE = ClothMesh.from_faces(
+    np.array([[0.0, 0, 0], [0, 1, 0], [-HEIGHT, 0.5, 0], [HEIGHT, 0.5, 0]]), np.array([[0, 1, 2], [1, 0, 3]])
+)
+"""Two unit equilateral triangles, normals along +z."""
+
+
+def opened(angle: float) -> torch.Tensor:
+    """The hinge with its fourth vertex turned down, away from the normals."""
+    x = torch.from_numpy(HINGE.rest_positions.copy())
+    x[3] = torch.tensor([HEIGHT * math.cos(angle), 0.5, -HEIGHT * math.sin(angle)])
+    return x
+
+
+def test_stretched_triangle():
+    """A h (μ + λ/2) ((s² - 1)/2)² at 10 % stretch."""
+    step, x = make_step(TRIANGLE)
+    x = step.mesh.rest_positions * torch.tensor([1.1, 1.0, 1.0])
+    energy = StVK(shear_modulus=2.36e4, first_lame=4.44e4, thickness=4.7e-4)(x, step)
+    assert energy.item() == pytest.approx(0.118662, abs=5e-7)
+
+
+@pytest.mark.parametrize("angle", [0.3, -0.3, 3.1, -3.1])
+def test_bent_hinge(angle):
+    """k θ²/(4 √3) of two unit equilateral triangles, up to nearly complete folds on both sides."""
+    step, _ = make_step(HINGE)
+    energy = Bending(3.96e-5)(opened(angle), step)
+    assert energy.item() == pytest.approx(3.96e-5 * angle**2 / (4.0 * math.sqrt(3.0)), rel=1e-8)
+    if abs(angle) == 0.3:
+        assert energy.item() == pytest.approx(5.14419e-7, rel=1e-5)
+
+
+def test_curved_rest_state_is_kept():
+    """A hinge made with an angle has no energy there, and that of the difference elsewhere, across the fold too."""
+    made = ClothMesh.from_faces(opened(2.0).numpy(), HINGE.faces)
+    step, _ = make_step(made)
+    term = Bending(3.96e-5)
+    energy, gradient = term.energy_and_gradient(opened(2.0), step)
+    assert energy.item() < 1e-20
+    assert gradient.norm() < 1e-15
+    for angle in (2.3, 1.7, 3.3):
+        expected = 3.96e-5 * (angle - 2.0) ** 2 / (4.0 * math.sqrt(3.0))
+        assert term(opened(angle), step).item() == pytest.approx(expected, rel=1e-7)
+
+
+def test_bending_of_a_fold_is_finite_and_pulls_nowhere_wrong():
+    """Half a turn stores π² and its gradient is finite."""
+    step, _ = make_step(HINGE)
+    energy, gradient = Bending(3.96e-5).energy_and_gradient(opened(math.pi), step)
+    assert energy.item() == pytest.approx(3.96e-5 * math.pi**2 / (4.0 * math.sqrt(3.0)), rel=1e-6)
+    assert torch.isfinite(gradient).all()
+
+
+def test_membrane_stiffness_is_never_too_small(small_cloth):
+    """Under compression the stencils bound the Hessian from above; in tension they are it (contract)."""
+    step, _ = make_step(small_cloth)
+    term = StVK()
+    x = step.mesh.rest_positions * torch.tensor([0.7, 1.1, 1.0]) + 0.02 * torch.randn(9, 3)
+    hessian = torch.autograd.functional.hessian(lambda x: term(x, step).sum(), x).reshape(27, 27)
+    excess = torch.linalg.eigvalsh(assembled(term.stencils(x, step), 9) - hessian)
+    assert excess[0] > -1e-9 * hessian.abs().max()
+    assert excess[-1] > 1e-3 * hessian.abs().max()
+
+
+def test_free_fall_is_the_minimum_of_inertia_and_weight():
+    """x + dt v + dt² (g + f/m): implicit Euler of a free cloth in a constant force."""
+    step, _ = make_step(square_grid(1.0, 5))
+    acceleration = step.gravity + step.external_force / step.mass[:, None]
+    x = step.x + step.dt * step.v + step.dt**2 * acceleration
+    total = sum(term.energy_and_gradient(x, step)[1] for term in (Inertia(), Gravity(), ExternalForce()))
+    assert total.abs().max() < 1e-12
+
+
+def test_weight_of_a_lifted_cloth():
+    """m g h, and forces times ways."""
+    step, _ = make_step(square_grid(1.0, 5))
+    step = replace(step, gravity=torch.tensor([0.0, 0.0, -10.0], dtype=torch.float64))
+    lifted = step.x + torch.tensor([5.0, 0.0, 2.0])
+    assert Gravity()(lifted, step).item() == pytest.approx(20.0 * step.mass.sum().item())
+    work = step.external_force[:, 0].sum() * 5.0 + step.external_force[:, 2].sum() * 2.0
+    assert ExternalForce()(lifted, step).item() == pytest.approx(-work.item())
+
+
+def test_no_force_no_term():
+    step, x = make_step(TRIANGLE)
+    with pytest.raises(DrapeError, match="no external force"):
+        ExternalForce()(x, replace(step, external_force=None))
+
+
+@pytest.mark.parametrize("make", [
+    lambda: StVK(shear_modulus=0.0), lambda: StVK(first_lame=-3e4), lambda: StVK(thickness=-1.0), lambda: Bending(0.0),
+])
+def test_materials_without_a_rest_state_are_refused(make):
+    with pytest.raises(DrapeError, match="expected"):
+        make()
