@@ -1,21 +1,21 @@
-"""A process that reads an animated body: ``python -m drape.blender.read_animation <file> <npz> <dt> <frames>``.
+"""A process that reads an animated body: ``python -m drape.blender.read_animation``.
 
-It opens a GLB, glTF, Alembic or USD file in Blender, stores ``faces`` and ``positions`` (``frames vertices 3``) of all
-its meshes as one, and answers with one JSON line: ``fps`` (null where Blender does not tell), or ``error``. bpy and
-numpy only; no torch.
+A request has the ``path`` of a GLB, glTF, Alembic or USD file, the npz file for ``arrays``, ``dt`` and ``frames``; in
+the npz are then ``faces`` and ``positions`` (``frames vertices 3``) of all meshes as one, and the answer is the number
+of frames per second, null where Blender does not tell. bpy and numpy only; no torch.
 """
 
 from __future__ import annotations
 
 import importlib.util
-import json
 import math
-import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from drape.blender.process import serve
 from drape.errors import DrapeError
 
 CLOCK = 6000
@@ -23,16 +23,22 @@ CLOCK = 6000
 GLTF = (".glb", ".gltf")
 
 
-def main(path: Path, arrays: Path, dt: float, frames: int) -> None:
-    answers = os.fdopen(os.dup(1), "w", buffering=1)
-    os.dup2(2, 1)  # whatever Blender prints belongs to the log
+def main() -> None:
+    serve(lambda: answer)
+
+
+def answer(request: Mapping) -> float | None:
+    """Store the arrays of ``request["path"]`` in ``request["arrays"]``; frames per second.
+
+    Raises:
+        DrapeError: see :func:`read`; or Blender cannot open the file.
+    """
     try:
-        faces, positions, fps = read(path, dt, frames)
-        np.savez(arrays, faces=faces, positions=positions)
-        answer = {"fps": fps}
-    except (DrapeError, RuntimeError) as error:  # Blender's operators fail with RuntimeError
-        answer = {"error": str(error).strip()}
-    print(json.dumps(answer), file=answers)
+        faces, positions, fps = read(Path(request["path"]), request["dt"], request["frames"])
+    except RuntimeError as error:  # how Blender's operators fail
+        raise DrapeError(f"Blender cannot open it ({str(error).strip()}); export the body again") from error
+    np.savez(request["arrays"], faces=faces, positions=positions)
+    return fps
 
 
 def read(path: Path, dt: float, frames: int) -> tuple[np.ndarray, np.ndarray, float | None]:
@@ -130,4 +136,4 @@ def _is_bone_shape(bpy, thing) -> bool:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]), float(sys.argv[3]), int(sys.argv[4]))
+    main()

@@ -101,11 +101,11 @@ def _without_texture(content: bytes) -> bytes:
     """An OBJ's vertices and faces only: trimesh would cut the mesh along texture seams, which would tear the cloth."""
     lines, count = [], 0
     for line in content.decode("utf-8", errors="replace").replace("\\\n", " ").splitlines():
-        words = line.split()
+        words = line.partition("#")[0].split()
         if words[:1] == ["v"]:
             count += 1
             lines.append("v " + " ".join(words[1:4]))
         elif words[:1] == ["f"]:
-            corners = [int(word.split("/")[0]) for word in words[1:] if not word.startswith("#")]
+            corners = [int(word.split("/")[0]) for word in words[1:]]
             lines.append("f " + " ".join(str(c if c > 0 else count + 1 + c) for c in corners))
     return "\n".join(lines).encode()

@@ -14,7 +14,7 @@ from drape.scene.frozen_array import frozen_indices
 def pinned_vertices(
     pins: Sequence[int] | Mapping[str, float] | None,
     x: Float[np.ndarray, "vertices 3"],
-    gravity: Sequence[float],
+    gravity: Float[np.ndarray, "3"],
 ) -> Int[np.ndarray, " pinned"] | None:
     """Vertex indices, or None where nothing is pinned.
 
@@ -33,8 +33,7 @@ def pinned_vertices(
                 f"scene.pins: found {dict(pins)}; expected a list of vertex indices, or {{top: metres}} for all "
                 "vertices that lie within so many metres below the highest"
             )
-        down = np.asarray(gravity, np.float64)
-        up = -down / np.linalg.norm(down) if np.any(down) else np.array([0.0, 0.0, 1.0])
+        up = -gravity / np.linalg.norm(gravity) if np.any(gravity) else np.array([0.0, 0.0, 1.0])
         height = x @ up
         return np.flatnonzero(height >= height.max() - depth)
     vertices = frozen_indices(pins, (None,), "scene.pins")

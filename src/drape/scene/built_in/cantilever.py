@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drape.errors import DrapeError
+from drape.scene.frozen_array import frozen_floats, frozen_indices
 from drape.scene.grid import rectangular_grid
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
@@ -34,19 +35,21 @@ def cantilever(
     Raises:
         DrapeError: no free row; see also :func:`rectangular_grid`, :func:`vertex_masses`, :class:`Scene`.
     """
-    if not 1 <= clamped_rows < resolution[0]:
+    sides = tuple(frozen_floats(size, (2,), "scene.size").tolist())
+    counts = tuple(frozen_indices(resolution, (2,), "scene.resolution").tolist())
+    if not 1 <= clamped_rows < counts[0]:
         raise DrapeError(
-            f"scene.clamped_rows: found {clamped_rows} of {resolution[0]} rows; expected 1..{resolution[0] - 1}"
+            f"scene.clamped_rows: found {clamped_rows} of {counts[0]} rows; expected 1..{counts[0] - 1}"
         )
-    mesh = rectangular_grid((size[0], size[1]), (resolution[0], resolution[1]), pattern)
-    clamped = np.flatnonzero(np.arange(mesh.num_vertices) % resolution[0] < clamped_rows)
+    mesh = rectangular_grid(sides, counts, pattern)
+    clamped = np.flatnonzero(np.arange(mesh.num_vertices) % counts[0] < clamped_rows)
     return Scene(
         name="cantilever",
         mesh=mesh,
         initial=State.at_rest(mesh.rest_positions),
         material=material,
         mass=vertex_masses(mesh, mass),
-        gravity=gravity,
+        gravity=frozen_floats(gravity, (3,), "scene.gravity"),
         dt=frame_time(fps),
         frames=frames,
         pins=Pins.fixed(clamped, mesh.rest_positions),

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drape.scene.disc import disc
+from drape.scene.frozen_array import frozen_floats
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
 from drape.scene.pins import Pins
@@ -44,7 +45,7 @@ def cusick(
         initial=State.at_rest(x),
         material=material,
         mass=vertex_masses(mesh, mass),
-        gravity=gravity,
+        gravity=frozen_floats(gravity, (3,), "scene.gravity"),
         dt=frame_time(fps),
         frames=frames,
         pins=Pins.fixed(np.flatnonzero(distance <= pedestal_radius * (1 + 1e-9)), x),

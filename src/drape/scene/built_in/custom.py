@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from drape.errors import DrapeError
 from drape.scene.follow import follow
+from drape.scene.frozen_array import frozen_floats
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
 from drape.scene.mesh_file import read_cloth
@@ -46,7 +47,7 @@ def custom(
     Raises:
         DrapeError: whatever is wrong with files, sizes, pins or masses, before anything is simulated.
     """
-    where, dt = Path(mesh), frame_time(fps)
+    where, dt, gravity = Path(mesh), frame_time(fps), frozen_floats(gravity, (3,), "scene.gravity")
     cloth = read_cloth(where, scale, up_axis)
     x = cloth.rest_positions if start is None else _initial(Path(start), cloth.faces, scale, up_axis, where)
     obstacle = None

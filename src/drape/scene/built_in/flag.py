@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from drape.scene.frozen_array import frozen_floats, frozen_indices
 from drape.scene.grid import rectangular_grid
 from drape.scene.mass import vertex_areas, vertex_masses
 from drape.scene.material import Material
@@ -32,7 +33,9 @@ def flag(
     Raises:
         DrapeError: see :func:`rectangular_grid`, :func:`vertex_masses`, :class:`Scene`.
     """
-    mesh = rectangular_grid((size[0], size[1]), (resolution[0], resolution[1]), pattern)
+    sides = tuple(frozen_floats(size, (2,), "scene.size").tolist())
+    counts = tuple(frozen_indices(resolution, (2,), "scene.resolution").tolist())
+    mesh = rectangular_grid(sides, counts, pattern)
     x = mesh.rest_positions.astype(np.float64)[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
     return Scene(
         name="flag",
@@ -40,9 +43,9 @@ def flag(
         initial=State.at_rest(x),
         material=material,
         mass=vertex_masses(mesh, mass),
-        gravity=gravity,
+        gravity=frozen_floats(gravity, (3,), "scene.gravity"),
         dt=frame_time(fps),
         frames=frames,
-        pins=Pins.fixed(np.arange(resolution[1]) * resolution[0], x),
-        external_force=vertex_areas(mesh)[:, None] * np.asarray(force_per_area, np.float64),
+        pins=Pins.fixed(np.arange(counts[1]) * counts[0], x),
+        external_force=vertex_areas(mesh)[:, None] * frozen_floats(force_per_area, (3,), "scene.force_per_area"),
     )

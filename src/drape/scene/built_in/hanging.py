@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from drape.scene.frozen_array import frozen_floats
 from drape.scene.grid import square_grid
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
@@ -43,7 +44,7 @@ def hanging(
         initial=State.at_rest(x),
         material=material,
         mass=vertex_masses(mesh, mass),
-        gravity=gravity,
+        gravity=frozen_floats(gravity, (3,), "scene.gravity"),
         dt=frame_time(fps),
         frames=frames,
         pins=Pins.fixed([0, resolution - 1], x),

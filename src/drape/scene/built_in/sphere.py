@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 
 from drape.errors import DrapeError
+from drape.scene.frozen_array import frozen_floats
 from drape.scene.grid import square_grid
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
@@ -50,14 +51,14 @@ def sphere(
     ball = trimesh.creation.icosphere(subdivisions, radius)
     dt = frame_time(fps)
     share = 0.5 * (1.0 - np.cos(2 * np.pi * dt * np.arange(frames + 1) / period))
-    centre = [0.0, 0.0, -radius - gap] + share[:, None] * np.asarray(sway, np.float64)
+    centre = [0.0, 0.0, -radius - gap] + share[:, None] * frozen_floats(sway, (3,), "scene.sway")
     return Scene(
         name="sphere",
         mesh=mesh,
         initial=State.at_rest(mesh.rest_positions),
         material=material,
         mass=vertex_masses(mesh, mass),
-        gravity=gravity,
+        gravity=frozen_floats(gravity, (3,), "scene.gravity"),
         dt=dt,
         frames=frames,
         obstacle=Obstacle(ball.faces, ball.vertices + centre[:, None]),
