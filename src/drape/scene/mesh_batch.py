@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from torch import Tensor
 
+from drape.scene.corners import Corners
 from drape.scene.geometry import EdgeGeometry
 from drape.scene.mesh import ClothMesh
 from drape.scene.rest_shape import RestFaces, RestHinges
@@ -81,6 +82,21 @@ class MeshBatch:
         """Shapes of the interior edges at rest, float64."""
         interior = ~self.boundary
         return RestHinges.of(self.rest_positions, self.faces, self.edges[interior], self.edge_faces[interior])
+
+    @cached_property
+    def edge_corners(self) -> Corners:
+        """The ends of the edges, for work component by component."""
+        return Corners.of(self.edges)
+
+    @cached_property
+    def face_corners(self) -> Corners:
+        """The corners of the faces, for work component by component."""
+        return Corners.of(self.faces)
+
+    @cached_property
+    def rest_angles(self) -> Float[Tensor, "2 edges"]:
+        """Twist α and bend β of the edges at rest [rad]."""
+        return torch.stack([torch.atan2(pair[:, 1], pair[:, 0]) for pair in (self.rest.twist, self.rest.bend)])
 
     def pairs_within(self, hops: int) -> Int[Tensor, "2 pairs"]:
         """All ordered pairs of different vertices at most ``hops`` edges apart; computed once for each ``hops``."""

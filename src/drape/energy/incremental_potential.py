@@ -1,0 +1,94 @@
+"""The sum of the energies that a scene requires, and no others: its minimum is the next frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy import sparse
+from torch import Tensor, nn
+
+from drape.energy.contact import Contact
+from drape.energy.external import ExternalForce
+from drape.energy.friction import Friction
+from drape.energy.gravity import Gravity
+from drape.energy.inertia import Inertia
+from drape.energy.step import Step
+from drape.energy.term import EnergyTerm
+from drape.scene.scene import Scene
+
+
+class Evaluation(NamedTuple):
+    """An incremental potential at one point."""
+
+    energy: float
+    """Sum over terms and cloths [J]."""
+    gradient: Float[Tensor, "vertices 3"]
+    """Minus the force on each vertex [N]."""
+    terms: dict[str, float]
+    """Energy of each term [J], by its name."""
+
+
+class IncrementalPotential(nn.Module):
+    """``E(x') = inertia + Σ energies`` [J]; an implicit Euler step minimises it (paper, eq. 8).
+
+    Build it with :meth:`for_scene`; a term that the scene does not ask for is not in it. ``reasons`` says for each term
+    why it is there.
+    """
+
+    def __init__(self, terms: Sequence[EnergyTerm], reasons: dict[str, str] | None = None):
+        super().__init__()
+        self.terms = nn.ModuleList(terms)
+        self.reasons = reasons or {}
+
+    @classmethod
+    def for_scene(
+        cls, scene: Scene, fabric: Sequence[EnergyTerm], contact: Contact | None = None
+    ) -> IncrementalPotential:
+        """The terms that ``scene`` requires, with those of its ``fabric``; ``contact`` as set up, or by its defaults."""
+        terms: list[EnergyTerm] = [Inertia()]
+        reasons = {"inertia": "the cloth has mass"}
+        if np.any(scene.gravity):
+            terms.append(Gravity())
+            reasons["gravity"] = f"gravity is {np.linalg.norm(scene.gravity):.4g} m/s²"
+        if scene.external_force is not None:
+            terms.append(ExternalForce())
+            total = np.linalg.norm(scene.external_force.sum(0))
+            reasons["external"] = f"a constant force of {total:.4g} N in all"
+        for term in fabric:
+            terms.append(term)
+            reasons[term.name] = f"the fabric is {scene.material.name}"
+        if scene.obstacle is not None:
+            contact = contact or Contact()
+            terms.append(contact)
+            reasons["contact"] = f"a body of {len(scene.obstacle.faces)} faces"
+            if scene.friction is not None:
+                terms.append(Friction(scene.friction, contact))
+                reasons["friction"] = f"the coefficient of friction is {scene.friction:.4g}"
+        return cls(terms, reasons)
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the terms."""
+        return [term.name for term in self.terms]
+
+    def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
+        """Energy of each cloth [J], differentiable in ``x_next``."""
+        return torch.stack([term(x_next, step) for term in self.terms]).sum(0)
+
+    def evaluate(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Evaluation:
+        """Energy, gradient and the energy of each term; no graph."""
+        total, energies = torch.zeros_like(x_next), {}
+        for term in self.terms:
+            energy, gradient = term.energy_and_gradient(x_next, step)
+            energies[term.name] = float(energy.sum())
+            total += gradient
+        return Evaluation(sum(energies.values()), total, energies)
+
+    def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array:
+        """A positive definite approximation of the Hessian, ``3 vertices`` square."""
+        size = 3 * len(x_next)
+        return sum((term.hessian(x_next, step) for term in self.terms), sparse.csr_array((size, size)))

@@ -1,0 +1,102 @@
+"""Time steps of a scene as the energies see them: tensors of one precision, centred on the cloth."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from drape.energy.step import ObstacleStep, Step
+from drape.scene.mesh_batch import MeshBatch
+from drape.scene.scene import Scene
+from drape.scene.state import State
+
+
+class SceneSteps:
+    """Makes the :class:`Step` from one time of a scene to another; times are counted in frames.
+
+    Positions are taken relative to the middle of the cloth, in float64, before they are rounded to ``dtype``: where in
+    the world a scene plays costs no accuracy. Between frames, pins and body move on straight lines.
+
+    Args:
+        scene: what is simulated.
+        attributes: the scaled vector **a** of its fabric; empty for energies that read no attributes.
+        dtype: float32 or float64.
+        device: where the energies are evaluated.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        attributes: Float[Tensor, " attributes"],
+        dtype: torch.dtype = torch.float64,
+        device: torch.device | str = "cpu",
+    ):
+        self.scene = scene
+        self.dtype = dtype
+        self.device = torch.device(device)
+        batch = MeshBatch.from_meshes([scene.mesh])
+        tensors = {f.name: getattr(batch, f.name) for f in fields(batch)}
+        self.mesh = replace(batch, **{k: self._put(v) for k, v in tensors.items() if isinstance(v, Tensor)})
+        free = torch.ones(scene.mesh.num_vertices, dtype=torch.bool)
+        if scene.pins is not None:
+            free[torch.from_numpy(np.array(scene.pins.vertices))] = False
+        self.free = free.to(self.device)
+        self._mass = self._put(torch.tensor(scene.mass))
+        self._gravity = self._put(torch.tensor(scene.gravity))
+        self._attributes = attributes[None].to(self.device)
+        force = scene.external_force
+        self._force = None if force is None else self._put(torch.tensor(force))
+        self._faces = None
+        if scene.obstacle is not None:
+            self._faces = torch.tensor(scene.obstacle.faces, device=self.device)
+
+    def _put(self, tensor: Tensor) -> Tensor:
+        return tensor.to(self.device, self.dtype) if tensor.is_floating_point() else tensor.to(self.device)
+
+    def origin(self, state: State) -> Float[np.ndarray, "3"]:
+        """The middle of the cloth, which the positions of a step are relative to [m]."""
+        return state.x.mean(axis=0)
+
+    def step(self, state: State, start: float, stop: float) -> Step:
+        """The step from ``state`` at time ``start`` to time ``stop``, both in frames."""
+        origin, scene = self.origin(state), self.scene
+        obstacle = None
+        if scene.obstacle is not None:
+            ends = [self._put(torch.from_numpy(_between(scene.obstacle, t) - origin)) for t in (start, stop)]
+            mesh_of_face = torch.zeros(len(self._faces), dtype=torch.long, device=self.device)
+            obstacle = ObstacleStep(self._faces, *ends, mesh_of_face)
+        return Step(
+            mesh=self.mesh,
+            x=self._put(torch.from_numpy(state.x - origin)),
+            v=self._put(torch.tensor(state.v)),
+            mass=self._mass,
+            free=self.free,
+            attributes=self._attributes,
+            gravity=self._gravity,
+            dt=(stop - start) * scene.dt,
+            external_force=self._force,
+            obstacle=obstacle,
+        )
+
+    def pinned(self, x: Float[Tensor, "vertices 3"], state: State, stop: float) -> Float[Tensor, "vertices 3"]:
+        """Positions ``x`` of a step from ``state`` with the pinned vertices where they are at time ``stop``."""
+        if self.scene.pins is None:
+            return x
+        targets = self._put(torch.from_numpy(self.pin_targets(stop) - self.origin(state)))
+        return x.index_copy(0, torch.tensor(self.scene.pins.vertices, device=self.device), targets)
+
+    def pin_targets(self, time: float) -> Float[np.ndarray, "pinned 3"]:
+        """Where the pinned vertices are at a time in frames [m]."""
+        return _between(self.scene.pins, time)
+
+
+def _between(moving: object, time: float) -> np.ndarray:
+    """Positions of pins or of a body at a time in frames."""
+    first = int(np.floor(time + 1e-9))
+    share = time - first
+    before = moving.at(first)
+    return before if share < 1e-9 else (1.0 - share) * before + share * moving.at(first + 1)

@@ -1,0 +1,148 @@
+"""Minimise an incremental potential: quasi-Newton steps in the metric of a factorised Hessian."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from drape.energy.incremental_potential import Evaluation, IncrementalPotential
+from drape.energy.step import Step
+from drape.simulators.factorisation import Factorisation
+from drape.simulators.simulator import Outcome
+
+MEMORY = 8
+"""Pairs of positions and gradients that correct the metric between two factorisations (L-BFGS)."""
+REFRESH = 7
+"""Iterations without convergence after which the Hessian is factorised anew."""
+SHRINK = 0.4
+"""Factor of the line search."""
+SUFFICIENT = 1e-4
+"""Share of the predicted decrease that a step must bring (Armijo)."""
+
+
+class Minimiser:
+    """Preconditioned L-BFGS with a line search, for one sparsity pattern.
+
+    Each direction is that of Newton's method with the last factorised positive definite Hessian, corrected by the
+    L-BFGS two-loop recursion (Liu, Bouaziz and Kavan 2017, with the whole Hessian in the place of a fixed Laplacian).
+    The factorisation is kept over iterations and frames, and renewed when a frame takes more than ``REFRESH``
+    iterations. The energy never rises, up to its own rounding.
+    """
+
+    def __init__(self, potential: IncrementalPotential, free: Bool[Tensor, " vertices"]):
+        self.potential = potential
+        self.free = free
+        self._slots = np.flatnonzero(np.repeat(free.cpu().numpy(), 3))
+        self._factors: Factorisation | None = None
+        self._dt = 0.0
+        self.factorisations = 0
+
+    def minimise(
+        self, starts: list[Float[Tensor, "vertices 3"]], step: Step, tolerance: float, iterations: int
+    ) -> tuple[Float[Tensor, "vertices 3"], Evaluation, Outcome, int, float]:
+        """From the best of ``starts`` to a minimum: positions, their evaluation, outcome, evaluations, residual [N].
+
+        Stops when the mean norm of the gradient over the free vertices is below ``tolerance`` [N].
+        """
+        x, best = self._best(starts, step)
+        used = len(starts)
+        if best is None:
+            return starts[0], self.potential.evaluate(starts[0], step), Outcome.NOT_FINITE, used, float("nan")
+        pairs: deque[tuple[Tensor, Tensor]] = deque(maxlen=MEMORY)
+        if step.dt != self._dt:
+            self._factorise(x, step)
+        fresh, since = self._dt_is_new(step), 0
+        while True:
+            residual = self.residual(best.gradient)
+            if residual <= tolerance:
+                return x, best, Outcome.CONVERGED, used, residual
+            if used >= iterations:
+                return x, best, Outcome.ITERATIONS, used, residual
+            if self._factors is None or since >= REFRESH:
+                self._factorise(x, step)
+                pairs.clear()
+                fresh, since = True, 0
+            direction = self._direction(best.gradient, pairs)
+            found, tried = self._search(x, best, direction, step, iterations - used)
+            used, since = used + tried, since + 1
+            if found is None:
+                if fresh and not pairs:
+                    return x, best, Outcome.PRECISION, used, residual
+                since = REFRESH
+                continue
+            moved, evaluation = found
+            self._remember(pairs, moved - x, evaluation.gradient - best.gradient)
+            x, best = moved, evaluation
+
+    def _dt_is_new(self, step: Step) -> bool:
+        new = step.dt != self._dt
+        self._dt = step.dt
+        return new
+
+    def _best(self, starts: list[Tensor], step: Step) -> tuple[Tensor, Evaluation | None]:
+        finite = [(x, e) for x in starts if np.isfinite((e := self.potential.evaluate(x, step)).energy)]
+        finite = [(x, e) for x, e in finite if bool(e.gradient[self.free].isfinite().all())]
+        if not finite:
+            return starts[0], None
+        return min(finite, key=lambda pair: pair[1].energy)
+
+    def residual(self, gradient: Float[Tensor, "vertices 3"]) -> float:
+        """Mean norm over the free vertices [N]."""
+        free = gradient[self.free]
+        return float(free.norm(dim=-1).mean()) if len(free) else 0.0
+
+    def _factorise(self, x: Tensor, step: Step) -> None:
+        matrix = self.potential.hessian(x, step)[self._slots][:, self._slots]
+        if self._factors is not None:
+            self._factors.close()
+        self._factors = Factorisation(matrix)
+        self.factorisations += 1
+
+    def _solve(self, gradient: Tensor) -> Tensor:
+        right = gradient.reshape(-1)[self._slots].double().cpu().numpy()
+        solution = np.zeros(3 * len(self.free))
+        solution[self._slots] = self._factors.solve(right)
+        return torch.from_numpy(solution).to(gradient).reshape(-1, 3)
+
+    def _direction(self, gradient: Tensor, pairs: deque[tuple[Tensor, Tensor]]) -> Tensor:
+        wanted, scales = gradient * self.free[:, None], []
+        for change, turn in reversed(pairs):
+            scales.append((change * wanted).sum() / (change * turn).sum())
+            wanted = wanted - scales[-1] * turn
+        direction = self._solve(wanted)
+        for (change, turn), scale in zip(pairs, reversed(scales), strict=True):
+            direction = direction + (scale - (turn * direction).sum() / (change * turn).sum()) * change
+        return -direction
+
+    def _remember(self, pairs: deque, change: Tensor, turn: Tensor) -> None:
+        turn = turn * self.free[:, None]
+        curvature = (change * turn).sum()
+        if curvature > 1e-12 * change.norm() * turn.norm():
+            pairs.append((change, turn))
+
+    def _search(
+        self, x: Tensor, here: Evaluation, direction: Tensor, step: Step, budget: int
+    ) -> tuple[tuple[Tensor, Evaluation] | None, int]:
+        """Backtrack until the energy falls enough, or, where its rounding hides that, until the slope says so."""
+        slope = float((here.gradient * direction).sum())
+        if not slope < 0:
+            return None, 0
+        rounding = torch.finfo(x.dtype).eps * sum(abs(e) for e in here.terms.values())
+        share = 1.0
+        for tried in range(1, max(2, min(budget, 40)) + 1):
+            moved = x + share * direction
+            there = self.potential.evaluate(moved, step)
+            gained = there.energy - here.energy
+            if gained <= SUFFICIENT * share * slope and bool(there.gradient.isfinite().all()):
+                return (moved, there), tried
+            if abs(gained) <= rounding:
+                along = float((there.gradient * direction).sum())
+                flatter = (2 * SUFFICIENT - 1) * slope >= along >= 0.9 * slope
+                if flatter and self.residual(there.gradient) < self.residual(here.gradient):
+                    return (moved, there), tried
+            share *= SHRINK
+        return None, tried

@@ -1,0 +1,50 @@
+"""What every simulator does: one step of a scene, and a report of how it went."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Protocol
+
+from drape.scene.state import State
+
+
+class Outcome(Enum):
+    """How a step ended; the value says what to do about it."""
+
+    CONVERGED = "converged"
+    ITERATIONS = (
+        "stopped at the maximum of iterations above the tolerance; the frame is usable. Raise simulator.iterations for "
+        "accuracy, or simulator.substeps for fast motion"
+    )
+    PRECISION = (
+        "no further progress in this floating-point precision; the frame is as good as it gets. Use "
+        "simulator.precision=float64, or a larger simulator.tolerance"
+    )
+    NOT_FINITE = (
+        "the energy of the present frame is not finite, so there is no next one; the cloth stays where it is. Look "
+        "for impossible pins or a damaged initial state"
+    )
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """A frame and how it was found."""
+
+    state: State
+    outcome: Outcome
+    iterations: int
+    """Evaluations of the potential with its gradient."""
+    residual: float
+    """Mean norm of the gradient over the free vertices [N]: what the forces miss to balance."""
+    energies: dict[str, float] = field(default_factory=dict)
+    """Energy of each term at the end of the (last) step [J]."""
+    substeps: int = 1
+
+
+class Simulator(Protocol):
+    """Turns the scene that it was made for into frames."""
+
+    def step(self, state: State, frame: int) -> StepResult:
+        """The state at frame ``frame + 1`` from that at ``frame``."""
+        ...
