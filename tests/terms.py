@@ -10,7 +10,9 @@ import torch
 from torch import Tensor
 
 from drape.energy.bending import Bending
+from drape.energy.contact import Contact
 from drape.energy.external import ExternalForce
+from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
 from drape.energy.inertia import Inertia
 from drape.energy.step import ObstacleStep, Step
@@ -51,6 +53,9 @@ TERMS = {
     "external": Member(ExternalForce, exact=anywhere),
     "stvk": Member(StVK, elastic=True, exact=stretched),
     "bending": Member(Bending, elastic=True, exact=at_rest),
+    "contact": Member(lambda: Contact(thickness=0.05), exact=anywhere),
+    "friction": Member(lambda: Friction(0.5, Contact(thickness=0.05)), exact=anywhere),
+    "friction_sticking": Member(lambda: Friction(0.5, Contact(thickness=0.05), slip_speed=2.0), exact=anywhere),
 }
 """Every energy term; a new one gets its line here, and the whole contract runs on it."""
 

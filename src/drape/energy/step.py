@@ -8,6 +8,8 @@ from functools import cached_property
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from drape.energy.nearest_faces import NearestFaces
+from drape.errors import DrapeError
 from drape.scene.geometry import EdgeGeometry
 from drape.scene.mesh_batch import MeshBatch
 
@@ -57,6 +59,25 @@ class Step:
     def inertial(self) -> Float[Tensor, "vertices 3"]:
         """x̂ = x + dt v: where the cloth would be without forces [m] (paper, after eq. 8)."""
         return self.x + self.dt * self.v
+
+    def nearest_faces(self, search_range: float) -> NearestFaces:
+        """The faces of the bodies nearest to the vertices at t, at most ``search_range`` [m] away; searched once.
+
+        Raises:
+            DrapeError: a step without obstacle.
+        """
+        if self.obstacle is None:
+            raise DrapeError("nearest faces: the step has no obstacle; add terms of contact only to scenes with one")
+        if search_range not in self._nearest_faces:
+            body = self.obstacle
+            self._nearest_faces[search_range] = NearestFaces.find(
+                self.x, self.mesh.mesh_of_vertex, body.faces, body.mesh_of_face, body.x, body.x_next, search_range
+            )
+        return self._nearest_faces[search_range]
+
+    @cached_property
+    def _nearest_faces(self) -> dict[float, NearestFaces]:
+        return {}
 
     def sum_stencils(self, per_stencil: Float[Tensor, " stencils"], vertex: Int[Tensor, " stencils"]) -> Tensor:
         """Sum energies of stencils over the meshes that their vertices belong to, in float64.

@@ -1,0 +1,132 @@
+"""Which faces can be nearest to a point: a search among the centres of faces that misses none.
+
+A face lies within its radius around its centre. If some face is at a distance u, then a face whose centre is farther
+than u plus its radius is not the nearest. Faces are searched in classes of similar radius, so that a floor of two
+triangles does not make the search among the small faces of a figure on it wider.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from drape.scene.triangles import closest_on_triangles
+
+FIRST = 8
+"""Neighbours asked for first; points for which they are not enough ask for four times as many, and again."""
+SLACK = 1e-5
+"""Share by which single precision may misjudge the distance to a centre."""
+CHUNK = 2**26
+"""Distances held at a time on a device."""
+
+APART = 1e6
+"""Distance between bodies of different cloths in the fourth coordinate [m]."""
+
+
+class Centres(NamedTuple):
+    """Centres and radii of the faces of all bodies; bodies of different cloths stand apart in a fourth coordinate."""
+
+    place: Float[Tensor, "faces 4"]
+    radius: Float[Tensor, " faces"]
+    size: Tensor
+    """Size class of each face: the exponent of its radius to base 2."""
+
+    @classmethod
+    def of(cls, corners: Float[Tensor, "faces 3 3"], mesh: Int[Tensor, " faces"]) -> Centres:
+        """Of triangles with the numbers of the cloths whose obstacles they are."""
+        centre = corners.mean(1)
+        radius = (corners - centre[:, None]).norm(dim=-1).amax(-1)
+        return cls(_apart(centre, mesh), radius, radius.log2().floor().long())
+
+
+class Pairs(NamedTuple):
+    """Pairs of a vertex and a face that may be its nearest."""
+
+    vertex: Int[Tensor, " pairs"]
+    face: Int[Tensor, " pairs"]
+    radius: Float[Tensor, " pairs"]
+    """Of the face [m]."""
+
+
+def pairs_in_reach(
+    points: Float[Tensor, "vertices 3"],
+    mesh: Int[Tensor, " vertices"],
+    corners: Float[Tensor, "faces 3 3"],
+    centres: Centres,
+    search_range: float,
+) -> Pairs:
+    """All pairs among which the nearest face of each point within ``search_range`` is found."""
+    place = _apart(points, mesh)
+    groups = [_Group(members, centres) for members in _classes(centres)]
+    reach = points.new_full((len(points),), search_range)
+    firsts = [group.nearest(place, FIRST, search_range) for group in groups]
+    for group, (distance, index) in zip(groups, firsts, strict=True):
+        some = torch.isfinite(distance[:, 0]).nonzero()[:, 0]
+        nearest = group.members[index[some, 0]]
+        _, bound = closest_on_triangles(points[some].T, corners[nearest].permute(1, 2, 0))
+        reach[some] = torch.minimum(reach[some], bound)
+    found = [group.pairs(place, reach, first) for group, first in zip(groups, firsts, strict=True)]
+    empty = torch.empty(0, dtype=torch.long, device=points.device)
+    vertex, face = (torch.cat([empty, *(pair[end] for pair in found)]) for end in range(2))
+    return Pairs(vertex, face, centres.radius[face])
+
+
+def _apart(points: Float[Tensor, "points 3"], mesh: Int[Tensor, " points"]) -> Float[Tensor, "points 4"]:
+    return torch.cat([points, APART * mesh[:, None].to(points.dtype)], -1)
+
+
+def _classes(centres: Centres) -> list[Tensor]:
+    return [(centres.size == size).nonzero()[:, 0] for size in centres.size.unique()]
+
+
+class _Group:
+    """Faces of similar radius."""
+
+    def __init__(self, members: Int[Tensor, " members"], centres: Centres):
+        self.members = members
+        self.place = centres.place[members]
+        self.radius = centres.radius[members]
+        self.largest = float(self.radius.max()) * (1.0 + SLACK)
+        on_cpu = self.place.device.type == "cpu"
+        self.tree = cKDTree(self.place.numpy(), balanced_tree=False, compact_nodes=False) if on_cpu else None
+
+    def nearest(self, place: Tensor, k: int, reach: float) -> tuple[Tensor, Tensor]:
+        """Distances and places in ``members`` of the k centres nearest to each point; infinite beyond what can matter.
+
+        k-d tree on the CPU; on a device all distances, a chunk at a time, so that the positions stay there.
+        """
+        k, bound = min(k, len(self.members)), reach * (1.0 + SLACK) + self.largest
+        if self.tree is not None:
+            distance, index = self.tree.query(
+                place.numpy(), list(range(1, k + 1)), distance_upper_bound=bound, workers=torch.get_num_threads()
+            )
+            return torch.from_numpy(distance), torch.from_numpy(index)
+        parts = [self._chunk(part, k, bound) for part in place.split(max(1, CHUNK // len(self.members)))]
+        return torch.cat([part[0] for part in parts]), torch.cat([part[1] for part in parts])
+
+    def _chunk(self, place: Tensor, k: int, bound: float) -> tuple[Tensor, Tensor]:
+        every = torch.cdist(place, self.place, compute_mode="donot_use_mm_for_euclid_dist")
+        distance, index = every.topk(k, largest=False)
+        return distance.masked_fill(distance > bound, torch.inf), index
+
+    def pairs(self, place: Tensor, reach: Tensor, first: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+        """All (point, face) with the centre within ``reach`` plus the radius; asks on where ``first`` ends early."""
+        vertices, faces = [], []
+        rows = torch.arange(len(place), device=place.device)
+        distance, index = first
+        while True:
+            limit = reach[rows] * (1.0 + SLACK)
+            more = (distance[:, -1] <= limit + self.largest) & (distance.shape[1] < len(self.members))
+            row, column = (torch.isfinite(distance) & ~more[:, None]).nonzero(as_tuple=True)
+            member = index[row, column]
+            within = distance[row, column] <= limit[row] + self.radius[member] * (1.0 + SLACK)
+            vertices.append(rows[row[within]])
+            faces.append(self.members[member[within]])
+            rows = rows[more]
+            if not len(rows):
+                return torch.cat(vertices), torch.cat(faces)
+            distance, index = self.nearest(place[rows], 4 * distance.shape[1], float(reach[rows].max()))
