@@ -14,8 +14,8 @@ from drape.scene.mesh import ClothMesh
 RULES = ("per_vertex", "areal_density")
 
 
-def vertex_masses(mesh: ClothMesh, mass: Mapping[str, float]) -> Float[np.ndarray, " vertices"]:
-    """Mass of each vertex [kg], by exactly one rule of ``mass``.
+def vertex_masses(mesh: ClothMesh, mass: Mapping[str, float | None]) -> Float[np.ndarray, " vertices"]:
+    """Mass of each vertex [kg], by the one rule of ``mass`` that is not None.
 
     * ``{per_vertex: m}``: m [kg] each, whatever its area, as in Blender; a finer mesh of the same cloth is heavier.
     * ``{areal_density: ρ}``: ρ [kg/m²] times a third of the rest areas of its faces; the same cloth weighs the same at
@@ -24,14 +24,15 @@ def vertex_masses(mesh: ClothMesh, mass: Mapping[str, float]) -> Float[np.ndarra
     Raises:
         DrapeError: no rule, both, an unknown one, or a value that is not a positive number.
     """
-    if len(mass) != 1 or next(iter(mass)) not in RULES:
+    chosen = {rule: value for rule, value in mass.items() if value is not None}
+    if len(chosen) != 1 or set(mass) - set(RULES):
         raise DrapeError(
-            f"mass: found {dict(mass)}; expected exactly one of {{per_vertex: kg}} (Blender's way) and "
-            "{areal_density: kg/m2}"
+            f"scene.mass: found {dict(mass)}; expected exactly one of per_vertex (kg each, as Blender has it) and "
+            "areal_density (kg/m2): set one, as in scene.mass.areal_density=0.2, and the other to null"
         )
-    rule, value = next(iter(mass.items()))
+    rule, value = next(iter(chosen.items()))
     if not math.isfinite(value) or value <= 0:
-        raise DrapeError(f"mass.{rule}: found {value}; expected a positive number")
+        raise DrapeError(f"scene.mass.{rule}: found {value}; expected a positive number")
     if rule == "per_vertex":
         return np.full(mesh.num_vertices, float(value))
     return float(value) * vertex_areas(mesh)

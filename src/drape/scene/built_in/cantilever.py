@@ -22,7 +22,7 @@ def cantilever(
     clamped_rows: int,
     pattern: str,
     material: Material,
-    mass: Mapping[str, float],
+    mass: Mapping[str, float | None],
     gravity: Sequence[float],
     fps: float,
     frames: int,

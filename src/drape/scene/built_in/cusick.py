@@ -21,7 +21,7 @@ def cusick(
     rings: int,
     unevenness: float,
     material: Material,
-    mass: Mapping[str, float],
+    mass: Mapping[str, float | None],
     gravity: Sequence[float],
     fps: float,
     frames: int,
@@ -37,7 +37,8 @@ def cusick(
     mesh = disc(radius, rings, pedestal_radius)
     x = np.array(mesh.rest_positions)
     distance, angle = np.hypot(x[:, 0], x[:, 1]), np.arctan2(x[:, 1], x[:, 0])
-    overhang = np.maximum(distance - pedestal_radius, 0.0) / (radius - pedestal_radius)
+    held = distance <= pedestal_radius * (1 + 1e-9)
+    overhang = np.where(held, 0.0, distance - pedestal_radius) / (radius - pedestal_radius)
     x[:, 2] = unevenness * overhang * np.sin(7 * angle + 0.5 * np.sin(3 * angle))
     return Scene(
         name="cusick",
@@ -48,5 +49,5 @@ def cusick(
         gravity=frozen_floats(gravity, (3,), "scene.gravity"),
         dt=frame_time(fps),
         frames=frames,
-        pins=Pins.fixed(np.flatnonzero(distance <= pedestal_radius * (1 + 1e-9)), x),
+        pins=Pins.fixed(np.flatnonzero(held), x),
     )

@@ -34,7 +34,7 @@ def custom(
     pins_follow_body: bool,
     friction: float | None,
     material: Material,
-    mass: Mapping[str, float],
+    mass: Mapping[str, float | None],
     gravity: Sequence[float],
     fps: float,
     frames: int,

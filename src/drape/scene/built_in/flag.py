@@ -21,7 +21,7 @@ def flag(
     pattern: str,
     force_per_area: Sequence[float],
     material: Material,
-    mass: Mapping[str, float],
+    mass: Mapping[str, float | None],
     gravity: Sequence[float],
     fps: float,
     frames: int,

@@ -22,7 +22,7 @@ def hanging(
     pattern: str,
     start: Literal["horizontal", "vertical"],
     material: Material,
-    mass: Mapping[str, float],
+    mass: Mapping[str, float | None],
     gravity: Sequence[float],
     fps: float,
     frames: int,

@@ -28,7 +28,7 @@ def sphere(
     period: float,
     friction: float | None,
     material: Material,
-    mass: Mapping[str, float],
+    mass: Mapping[str, float | None],
     gravity: Sequence[float],
     fps: float,
     frames: int,
