@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import torch
 from jaxtyping import Float
 from scipy import sparse
 from torch import Tensor
 
 from drape.energy.edge_deformation import EdgeDeformation
-from drape.energy.edge_law import EdgeLaw
+from drape.energy.edge_law import EdgeLaw, Slopes
+from drape.energy.edge_scale import EdgeScale
 from drape.energy.hessian import from_jacobian
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm
@@ -15,12 +17,10 @@ from drape.scene.mesh_batch import MeshBatch
 
 
 class ElasticEnergy(EnergyTerm):
-    """``Φp = Σ_edges s² φp(Δl/s, α/s, β/s)`` [J] (paper, eq. 1 and 2).
+    """``Φp = Σ_edges S² φp(q/S)``, q = (Δl, α, β), [J] (paper, eq. 1 and 2).
 
-    s is how long an edge is beside one of the mesh that the law was learned on. ``transfer=False``: s = 1, the paper's
-    form, whose units know nothing of their size: twice the resolution makes another cloth. ``transfer=True``: ``s² =
-    face area at the edge / face area learned on``. Equal strain and equal curvature then cost equal energy per area
-    at any resolution, and on the mesh that was learned on nothing changes.
+    ``transfer=False``: S = 1, the paper's form, whose units know nothing of their size. ``transfer=True``: S of
+    :class:`EdgeScale`, with which equal strain and curvature cost equal energy per area at any resolution.
     """
 
     name = "elastic"
@@ -29,39 +29,52 @@ class ElasticEnergy(EnergyTerm):
         super().__init__()
         self.law = law
         self.transfer = transfer
-        self._scaled: tuple[MeshBatch, Tensor | float] | None = None
+        self._scale: tuple[MeshBatch, EdgeScale] | None = None
 
-    def scale(self, mesh: MeshBatch) -> Float[Tensor, " edges"] | float:
-        """s of every edge of ``mesh``."""
+    def _scaled(self, deformation: EdgeDeformation) -> tuple[Tensor | float, Tensor | None]:
         if not self.transfer:
-            return 1.0
-        if self._scaled is None or self._scaled[0] is not mesh:
-            faces = 2.0 - mesh.boundary.to(mesh.rest_lengths.dtype)
-            self._scaled = mesh, (mesh.rest.area / faces / self.law.face_area).sqrt()
-        return self._scaled[1]
-
-    def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
-        scale = self.scale(step.mesh)
-        deformation = EdgeDeformation(x_next, step.mesh, bends=self.law.bends)
-        energy = self.law.potential((deformation.q / scale).T, self._attributes(step))
-        return step.sum_stencils(scale**2 * energy, step.mesh.edges[:, 0])
+            return 1.0, None
+        if self._scale is None or self._scale[0] is not deformation.mesh:
+            self._scale = deformation.mesh, EdgeScale(deformation.mesh, self.law.face_area)
+        return self._scale[1].at(deformation.q)
 
     def _attributes(self, step: Step) -> Tensor:
         return step.attributes[step.mesh.mesh_of_edge]
 
+    def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
+        deformation = EdgeDeformation(x_next, step.mesh, bends=self.law.bends)
+        scale, _ = self._scaled(deformation)
+        energy = self.law.potential((deformation.q / scale).T, self._attributes(step))
+        return step.sum_stencils(scale**2 * energy, step.mesh.edges[:, 0])
+
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
-        scale = self.scale(step.mesh)
-        deformation = EdgeDeformation(x_next.detach(), step.mesh, bends=self.law.bends)
-        slopes = self.law.potential_slopes((deformation.q / scale).T, self._attributes(step), hessian=False)
+        deformation, slopes, scale, turns = self._slopes(x_next, step, hessian=False)
         energy = step.sum_stencils(scale**2 * slopes.energy, step.mesh.edges[:, 0])
-        return energy, deformation.pull(scale * slopes.gradient.T)
+        return energy, deformation.pull(_gradient(deformation.q, slopes, scale, turns))
 
     def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array:
         """``Jᵀ H₊ J + max(∂φp/∂Δl, 0)/l (I - y yᵀ)``, J = ∂q/∂x, H₊ the positive part of ∂²φp/∂q²."""
-        scale = self.scale(step.mesh)
-        deformation = EdgeDeformation(x_next.detach(), step.mesh, bends=self.law.bends)
-        slopes = self.law.potential_slopes((deformation.q / scale).T, self._attributes(step), hessian=True)
+        deformation, slopes, scale, _ = self._slopes(x_next, step, hessian=True)
         tension = (scale * slopes.gradient[:, 0] / deformation.length).clamp(min=0.0)
         return from_jacobian(deformation.jacobian(), slopes.hessian) + deformation.string_hessian(tension)
+
+    def _slopes(
+        self, x_next: Tensor, step: Step, *, hessian: bool
+    ) -> tuple[EdgeDeformation, Slopes, Tensor | float, Tensor | None]:
+        deformation = EdgeDeformation(x_next.detach(), step.mesh, bends=self.law.bends)
+        scale, turns = self._scaled(deformation)
+        slopes = self.law.potential_slopes((deformation.q / scale).T, self._attributes(step), hessian=hessian)
+        return deformation, slopes, scale, turns
+
+
+def _gradient(
+    q: Float[Tensor, "3 edges"], slopes: Slopes, scale: Tensor | float, turns: Tensor | None
+) -> Float[Tensor, "3 edges"]:
+    """``d(S² φp(q/S))/dq = S φp' + (2 S φp - φp'·q) dS/dq``."""
+    gradient = scale * slopes.gradient.T
+    if turns is None:
+        return gradient
+    by_scale = 2.0 * scale * slopes.energy - (slopes.gradient.T * q).sum(0)
+    return torch.cat([gradient[:1], gradient[1:] + by_scale * turns])

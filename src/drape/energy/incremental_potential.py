@@ -48,7 +48,7 @@ class IncrementalPotential(nn.Module):
     def for_scene(
         cls, scene: Scene, fabric: Sequence[EnergyTerm], contact: Contact | None = None
     ) -> IncrementalPotential:
-        """The terms that ``scene`` requires, with those of its ``fabric``; ``contact`` as set up, or by its defaults."""
+        """The terms that ``scene`` requires, with those of its ``fabric`` and this ``contact`` or its defaults."""
         terms: list[EnergyTerm] = [Inertia()]
         reasons = {"inertia": "the cloth has mass"}
         if np.any(scene.gravity):

@@ -51,7 +51,7 @@ class EnergyTerm(nn.Module, ABC):
         return []
 
     def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array:
-        """The same as one matrix, ``3 vertices`` square; override it instead of :meth:`stencils` where that is faster."""
+        """The same as one matrix, ``3 vertices`` square; override this instead where that is faster."""
         pieces = [from_stencils(*piece, len(x_next)) for piece in self.stencils(x_next, step)]
         size = 3 * len(x_next)
         return sum(pieces, sparse.csr_array((size, size)))

@@ -60,7 +60,7 @@ class ImplicitSolver:
             tolerance = 1e-3 * gravity * float(scene.mass.mean())
         if not tolerance > 0:
             raise DrapeError(f"simulator.tolerance: found {tolerance}; expected newtons, more than 0")
-        self.potential = potential.to(device)
+        self.potential = potential.to(device=device, dtype=PRECISIONS[precision])
         self.steps = SceneSteps(scene, attributes, PRECISIONS[precision], device)
         self.tolerance = tolerance
         self.iterations = iterations

@@ -1,0 +1,45 @@
+"""How long an edge is beside the edges that a law was learned on: what makes the law transfer between resolutions."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from drape.scene.mesh_batch import MeshBatch
+
+WIDEST = 0.5 * torch.pi
+"""Angles of an edge of the mesh learned on that the law is asked for at most [rad]."""
+SAME = 1e-4
+"""Relative difference of scale up to which a mesh counts as the one learned on (positions are stored in float32)."""
+
+
+class EdgeScale:
+    """S of every edge of a mesh, such that ``S² φp(q/S)`` is the energy of the edge (q = (Δl, α, β)).
+
+    With ``s² = face area at the edge / face area learned on``, strain and curvature of the edge are those of an edge
+    learned on with q/s, and the energy per area is the same: this is what a continuum does. A fine mesh has angles
+    that stand for curvatures far beyond what was learned, so S grows smoothly with ρ = |(α, β)|/s, ::
+
+        S = s x/tanh(x),  x = ρ/WIDEST
+
+    which keeps the angles of q/S below ``WIDEST`` and lets the energy grow beyond like a square; where φp is a quadratic
+    form S cancels, whatever it is. A mesh like the one learned on has ``S = 1`` exactly.
+    """
+
+    def __init__(self, mesh: MeshBatch, face_area: float):
+        faces = 2.0 - mesh.boundary.to(mesh.rest_lengths.dtype)
+        self.rest = (mesh.rest.area / faces / face_area).sqrt()
+        self.same = bool(((self.rest - 1.0).abs() < SAME).all())
+
+    def at(self, q: Float[Tensor, "3 edges"]) -> tuple[Tensor | float, Float[Tensor, "2 edges"] | None]:
+        """S, and its derivatives in (α, β); a scale of exactly 1 has none."""
+        if self.same:
+            return 1.0, None
+        angles = q[1:]
+        # rounded up, so that nothing is divided by zero: x/tanh(x) is 1 and its slope 0 there
+        size = (angles.square().sum(0) + 1e-12).sqrt()
+        x = size / (self.rest * WIDEST)
+        cotangent = 1.0 / torch.tanh(x)
+        slope = cotangent - x * (cotangent.square() - 1.0)
+        return self.rest * x * cotangent, (slope / WIDEST / size) * angles
