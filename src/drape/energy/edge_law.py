@@ -33,6 +33,8 @@ class EdgeLaw(nn.Module, ABC):
     dt: float
     bends: bool
     """Whether φp sees α and β at all; where not, nobody computes normals."""
+    dissipates: bool
+    """Whether there is a φd; where not, there is no term for it."""
 
     @abstractmethod
     def potential(
@@ -82,6 +84,7 @@ class NetworkLaw(EdgeLaw):
         self.face_area = face_area
         self.dt = dt
         self.bends = energy.potential.deformation.size > 1
+        self.dissipates = energy.dissipates
 
     def potential(
         self, q: Float[Tensor, "edges 3"], attributes: Float[Tensor, "edges attributes"]
@@ -94,6 +97,4 @@ class NetworkLaw(EdgeLaw):
     def drag(
         self, speed: Float[Tensor, " edges"], attributes: Float[Tensor, "edges attributes"]
     ) -> Float[Tensor, " edges"]:
-        if not self.energy.dissipates:
-            return torch.zeros_like(speed)
         return self.energy.units["dissipation"].drag(speed, attributes).to(speed.dtype)

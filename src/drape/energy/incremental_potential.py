@@ -65,10 +65,15 @@ class IncrementalPotential(nn.Module):
             contact = contact or Contact()
             terms.append(contact)
             reasons["contact"] = f"a body of {len(scene.obstacle.faces)} faces"
-            if scene.friction is not None:
+            if scene.friction:
                 terms.append(Friction(scene.friction, contact))
                 reasons["friction"] = f"the coefficient of friction is {scene.friction:.4g}"
         return cls(terms, reasons)
+
+    @property
+    def contact(self) -> Contact | None:
+        """The contact term, where the scene has a body."""
+        return next((term for term in self.terms if isinstance(term, Contact)), None)
 
     @property
     def names(self) -> list[str]:

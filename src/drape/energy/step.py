@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from jaxtyping import Bool, Float, Int
@@ -74,6 +74,12 @@ class Step:
                 self.x, self.mesh.mesh_of_vertex, body.faces, body.mesh_of_face, body.x, body.x_next, search_range
             )
         return self._nearest_faces[search_range]
+
+    def with_nearest_faces(self, near: NearestFaces, search_range: float) -> Step:
+        """The same step with other nearest faces than those at t."""
+        step = replace(self)
+        step._nearest_faces[search_range] = near
+        return step
 
     @cached_property
     def _nearest_faces(self) -> dict[float, NearestFaces]:

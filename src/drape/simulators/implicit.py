@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from drape.energy.incremental_potential import IncrementalPotential
+from drape.energy.penetration import faces_at_end
 from drape.energy.scene_step import SceneSteps
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
@@ -18,8 +19,16 @@ from drape.simulators.simulator import Outcome, StepResult
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
 
+ROUNDS = 3
+"""How often contact is looked for again at the end of a step that left vertices inside the body."""
+
+
 class ImplicitSolver:
     """One implicit Euler step a frame: ``x' = argmin E(x')``, ``v' = (x' - x)/dt``.
+
+    The faces of contact are those nearest at t (the paper). Where vertices end inside the body all the same, because
+    they slid off their face or the body is thin or fast, the nearest faces at the end are taken and the step is
+    minimised on from there.
 
     Where it starts from: the present positions or free motion, whichever has the lower potential; so a step never ends
     above the potential of standing still, and without work from outside the energy of the cloth cannot grow.
@@ -91,6 +100,14 @@ class ImplicitSolver:
         step = self.steps.step(state, start, stop)
         starts = [self.steps.pinned(step.x, state, stop), self.steps.pinned(step.inertial, state, stop)]
         x, found, outcome, used, residual = self._minimiser.minimise(starts, step, self.tolerance, self.iterations)
+        for _ in range(ROUNDS if step.obstacle is not None and outcome is not Outcome.NOT_FINITE else 0):
+            reach = self.potential.contact.search_range
+            near = faces_at_end(x, step, reach)
+            if not bool((near.distance < 0).any()):
+                break
+            step = step.with_nearest_faces(near, reach)
+            x, found, outcome, more, residual = self._minimiser.minimise([x], step, self.tolerance, self.iterations)
+            used += more
         if outcome is Outcome.NOT_FINITE:
             return State.at_rest(state.x), outcome, used, residual, found.terms
         moved = (x - step.x).double().cpu().numpy()

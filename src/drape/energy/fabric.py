@@ -1,0 +1,57 @@
+"""The energies of a fabric: what a scene's cloth is made of, by a learned law, a table of it, or an analytic one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from drape.energy.bending import Bending
+from drape.energy.dissipation import Dissipation
+from drape.energy.edge_law import EdgeLaw
+from drape.energy.elastic import ElasticEnergy
+from drape.energy.load_law import load_baked, load_law
+from drape.energy.stvk import StVK
+from drape.energy.term import EnergyTerm
+from drape.scene.material import ATTRIBUTES, Material
+
+
+class Fabric(NamedTuple):
+    """Energy terms of a cloth and the attributes that they read."""
+
+    terms: Sequence[EnergyTerm]
+    attributes: Float[Tensor, " attributes"]
+    """The scaled vector **a**."""
+
+
+def eunet(checkpoint: str, transfer: bool, material: Material) -> Fabric:
+    """The learned law of a checkpoint of ``train.py``; see :class:`ElasticEnergy` for ``transfer``.
+
+    Raises:
+        DrapeError: no such checkpoint, or one that was not trained on this fabric.
+    """
+    law, attributes = load_law(checkpoint, material)
+    return Fabric(_terms(law, transfer), attributes)
+
+
+def eunet_baked(table: str, transfer: bool, material: Material) -> Fabric:
+    """The learned law as a table of splines, made by ``bake.py``.
+
+    Raises:
+        DrapeError: no such table, or that of another fabric.
+    """
+    law, attributes = load_baked(table, material)
+    return Fabric(_terms(law, transfer), attributes)
+
+
+def phys(shear_modulus: float, first_lame: float, thickness: float, bending_stiffness: float) -> Fabric:
+    """PHYS, the analytic law of the self-supervised baselines: a StVK membrane and dihedral bending."""
+    terms = [StVK(shear_modulus, first_lame, thickness), Bending(bending_stiffness)]
+    return Fabric(terms, torch.zeros(len(ATTRIBUTES), dtype=torch.float64))
+
+
+def _terms(law: EdgeLaw, transfer: bool) -> list[EnergyTerm]:
+    return [ElasticEnergy(law, transfer=transfer), *([Dissipation(law)] if law.dissipates else [])]
