@@ -97,7 +97,7 @@ BAD = {
     "unused vertex": (FIN, TWO, r"1 vertices belong to no face \(first: 4\); remove them"),
     "index too large": (SQUARE, np.array([[0, 1, 2], [0, 2, 4]]), r"faces index 0\.\.4, expected 0\.\.3"),
     "negative index": (SQUARE, np.array([[0, 1, 2], [0, 2, -1]]), r"faces index -1\.\.2, expected 0\.\.3"),
-    "no faces": (SQUARE, np.zeros((0, 3), np.int64), "faces index"),
+    "no faces": (SQUARE, np.zeros((0, 3), np.int64), "found no faces; expected a triangle mesh"),
 }
 
 

@@ -37,6 +37,8 @@ def test_stl_vertices_are_shared_again(tmp_path):
     mesh = read_cloth(stored(tmp_path, "stl"))
     assert (mesh.num_vertices, mesh.num_edges) == (MESH.num_vertices, MESH.num_edges)
     np.testing.assert_allclose(mesh.rest_positions[mesh.faces], MESH.rest_positions[MESH.faces], atol=1e-7)
+    _, first = np.unique(mesh.faces.reshape(-1), return_index=True)
+    assert (np.diff(first) > 0).all(), "vertices are numbered as they appear in the file"
 
 
 def test_glb_is_turned_so_that_z_is_up(tmp_path):

@@ -72,8 +72,10 @@ def _check_vertices(positions: np.ndarray, faces: np.ndarray, name: str) -> None
     if not np.isfinite(positions).all():
         bad = int(np.flatnonzero(~np.isfinite(positions).all(axis=1))[0])
         raise DrapeError(f"{name}: vertex {bad} is at {positions[bad]}; expected finite rest positions")
-    if len(faces) == 0 or faces.min() < 0 or faces.max() >= count:
-        raise DrapeError(f"{name}: faces index {faces.min(initial=0)}..{faces.max(initial=0)}, expected 0..{count - 1}")
+    if len(faces) == 0:
+        raise DrapeError(f"{name}: found no faces; expected a triangle mesh; export its faces, too")
+    if faces.min() < 0 or faces.max() >= count:
+        raise DrapeError(f"{name}: faces index {faces.min()}..{faces.max()}, expected 0..{count - 1}")
     unused = np.setdiff1d(np.arange(count), faces)
     if len(unused):
         raise DrapeError(f"{name}: {len(unused)} vertices belong to no face (first: {unused[0]}); remove them")

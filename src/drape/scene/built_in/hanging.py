@@ -37,7 +37,7 @@ def hanging(
     mesh = square_grid(size, resolution, pattern)
     x = mesh.rest_positions.astype(np.float64)
     if start == "vertical":
-        x = x[:, [0, 2, 1]] * [1.0, -1.0, 1.0]  # a quarter turn about x: the faces keep their winding
+        x = x[:, [0, 2, 1]]  # a quarter turn about x, as the cloth is flat
     return Scene(
         name="hanging",
         mesh=mesh,
