@@ -87,8 +87,8 @@ def make_step(*meshes: ClothMesh, dtype: torch.dtype = torch.float64) -> tuple[S
 
 
 def _bodies(count: int) -> ObstacleStep:
-    """Surfaces of the shape of the cloth, wider than it and a few millimetres below it."""
-    body = square_grid(1.5, 9)
+    """Surfaces of the shape of the cloth a few millimetres below it; the cloth hangs over their border a little."""
+    body = square_grid(0.9, 9)
     rest = torch.from_numpy(np.tile(body.rest_positions.astype(np.float64), (count, 1)))
     number = torch.arange(count).repeat_interleave(body.num_faces)
     faces = torch.from_numpy(np.tile(body.faces, (count, 1))) + body.num_vertices * number[:, None]

@@ -62,13 +62,13 @@ class Bending(EnergyTerm):
         corners = step.mesh.rest_hinges.corners
         size = bend.shape.length * bend.angle
         pull = bend.weight * size
-        gradient = corners.scatter(pull * _slope(bend), len(x_next))
+        gradient = corners.scatter(_slope(bend, pull), len(x_next))
         return step.sum_stencils(0.5 * pull * size, corners.vertices[:, 0]), gradient
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
         """``k / (4 (A1 + A2)) ∂r ∂rᵀ`` (Gauss-Newton): the Hessian where Δθ = 0."""
         bend = self._bend(x_next.detach(), step.mesh)
-        row = (bend.weight.sqrt() * _slope(bend)).flatten(0, 1)
+        row = _slope(bend, bend.weight.sqrt())
         blocks = (row[:, None] * row).view(4, 3, 4, 3, -1)
         return [Stencils(step.mesh.rest_hinges.corners.vertices, blocks.permute(4, 0, 1, 2, 3))]
 
@@ -83,12 +83,13 @@ class Bending(EnergyTerm):
         return _Bend(shape, angle, (self.stiffness / (4.0 * rest.area)).to(x.dtype))
 
 
-def _slope(bend: _Bend) -> Float[Tensor, "4 3 hinges"]:
-    """∂(l Δθ)/∂x: with the unit normals and the heights h of the faces, the far corners move θ by ``-n/h``."""
+def _slope(bend: _Bend, factor: Float[Tensor, " hinges"]) -> Float[Tensor, "12 hinges"]:
+    """``factor ∂(l Δθ)/∂x``: the far corners move θ by ``-n/h``, n being the unit normals and h the heights."""
     shape = bend.shape
-    tilt1, tilt2 = shape.normal1 / shape.double_area1.square(), shape.normal2 / shape.double_area2.square()
     square = shape.length.square()
-    third, fourth = -square * tilt1, -square * tilt2
-    stretch = (bend.angle / shape.length) * shape.edge
-    end = dot(shape.arm1, shape.edge) * tilt1 + dot(shape.arm2, shape.edge) * tilt2 + stretch
-    return torch.stack([-(end + third + fourth), end, third, fourth])
+    tilt1, tilt2 = factor / shape.double_area1.square(), factor / shape.double_area2.square()
+    third, fourth = -(square * tilt1) * shape.normal1, -(square * tilt2) * shape.normal2
+    stretch = (factor * bend.angle / shape.length) * shape.edge
+    foot1, foot2 = dot(shape.arm1, shape.edge) * tilt1, dot(shape.arm2, shape.edge) * tilt2
+    end = foot1 * shape.normal1 + foot2 * shape.normal2 + stretch
+    return torch.cat([-(end + third + fourth), end, third, fourth])

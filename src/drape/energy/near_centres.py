@@ -67,12 +67,18 @@ def pairs_in_reach(
     for group, (distance, index) in zip(groups, firsts, strict=True):
         some = torch.isfinite(distance[:, 0]).nonzero()[:, 0]
         nearest = group.members[index[some, 0]]
-        _, bound = closest_on_triangles(points[some].T, corners[nearest].permute(1, 2, 0))
+        _, bound = closest_on_triangles(gathered(points, some), gathered(corners, nearest))
         reach[some] = torch.minimum(reach[some], bound)
     found = [group.pairs(place, reach, first) for group, first in zip(groups, firsts, strict=True)]
     empty = torch.empty(0, dtype=torch.long, device=points.device)
     vertex, face = (torch.cat([empty, *(pair[end] for pair in found)]) for end in range(2))
     return Pairs(vertex, face, centres.radius[face])
+
+
+def gathered(values: Float[Tensor, "all ..."], index: Int[Tensor, " chosen"]) -> Float[Tensor, "... chosen"]:
+    """``values[index]`` with the chosen in the last place, contiguous."""
+    flat = values.flatten(1).T.contiguous()
+    return flat.index_select(1, index).view(*values.shape[1:], len(index))
 
 
 def _apart(points: Float[Tensor, "points 3"], mesh: Int[Tensor, " points"]) -> Float[Tensor, "points 4"]:

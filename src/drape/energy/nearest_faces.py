@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from drape.energy.near_centres import Centres, Pairs, pairs_in_reach
+from drape.energy.near_centres import Centres, Pairs, gathered, pairs_in_reach
 from drape.scene.corners import cross, dot
 from drape.scene.triangles import closest_on_triangles
 
@@ -96,7 +96,7 @@ def _choose(
     pairs: Pairs, points: Float[Tensor, "vertices 3"], corners: Float[Tensor, "faces 3 3"], search_range: float
 ) -> _Near:
     """Of all pairs that may be nearest the one that is, with its sign."""
-    point, triangle = points[pairs.vertex].T, corners[pairs.face].permute(1, 2, 0)
+    point, triangle = gathered(points, pairs.vertex), gathered(corners, pairs.face)
     barycentric, distance = closest_on_triangles(point, triangle)
     count = len(points)
     best = distance.new_full((count,), torch.inf).scatter_reduce(0, pairs.vertex, distance, "amin")

@@ -87,9 +87,10 @@ class HingeShape:
         self.normal2 = cross(self.arm2, self.edge)
         self.double_area1 = _size(self.normal1, smallest**2 / TINY)
         self.double_area2 = _size(self.normal2, smallest**2 / TINY)
-        unit1, unit2 = self.normal1 / self.double_area1, self.normal2 / self.double_area2
-        self.cosine = dot(unit1, unit2)
-        self.sine = dot(cross(unit1, unit2), self.edge) / self.length
+        both = self.double_area1 * self.double_area2
+        self.cosine = dot(self.normal1, self.normal2) / both
+        # e · (n1 x n2) with n2 = arm2 x e and n1 orthogonal to e
+        self.sine = -dot(self.normal1, self.arm2) * self.length / both
 
 
 def _size(vectors: Float[Tensor, "3 pieces"], smallest: Tensor | float) -> Float[Tensor, " pieces"]:

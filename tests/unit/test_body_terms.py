@@ -1,0 +1,173 @@
+"""Contact and friction where the answer is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from drape.energy.contact import Contact
+from drape.energy.friction import Friction
+from drape.energy.gravity import Gravity
+from drape.energy.inertia import Inertia
+from drape.energy.nearest_faces import NearestFaces
+from drape.energy.step import ObstacleStep, Step
+from drape.errors import DrapeError
+from drape.scene.grid import square_grid
+from tests.terms import make_step
+
+UP = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+
+
+def over_a_floor(height: float, turn: torch.Tensor | None = None) -> Step:
+    """A cloth at rest ``height`` above a floor, turned about the origin with the floor; 1 N of weight a vertex."""
+    turn = torch.eye(3, dtype=torch.float64) if turn is None else turn
+    cloth, floor = square_grid(1.0, 5), square_grid(4.0, 4)
+    step, _ = make_step(cloth)
+    positions = torch.from_numpy(floor.rest_positions.astype(float)) @ turn.T
+    faces = torch.from_numpy(floor.faces.copy())
+    return replace(
+        step,
+        x=(step.mesh.rest_positions + height * UP) @ turn.T,
+        v=torch.zeros_like(step.v),
+        mass=torch.full_like(step.mass, 0.1),
+        gravity=-10.0 * UP,
+        obstacle=ObstacleStep(faces, positions, positions, torch.zeros(len(faces), dtype=torch.long)),
+    )
+
+
+def tilt(angle: float) -> torch.Tensor:
+    """About the y axis: the floor falls towards +x."""
+    c, s = math.cos(angle), math.sin(angle)
+    return torch.tensor([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]], dtype=torch.float64)
+
+
+def with_body(step: Step, **changes: torch.Tensor) -> Step:
+    return replace(step, obstacle=replace(step.obstacle, **changes))
+
+
+def test_weight_rests_on_the_floor():
+    """3 k (thickness - d)² = m g: the gradients of contact and weight cancel there, and only there."""
+    contact = Contact(stiffness=1e6, thickness=2e-3)
+    depth = math.sqrt(1.0 / 3e6)
+    step = over_a_floor(2e-3 - depth)
+    energy, push = contact.energy_and_gradient(step.x, step)
+    _, weight = Gravity().energy_and_gradient(step.x, step)
+    assert energy.item() == pytest.approx(25 * 1e6 * depth**3)
+    assert (push + weight).abs().max() < 1e-9
+    _, deeper = contact.energy_and_gradient(step.x - 1e-4 * UP, step)
+    assert (deeper + weight)[:, 2].max() < -0.1
+
+
+def test_no_contact_beyond_the_thickness():
+    """No energy at the thickness, none beyond."""
+    for height in (2e-3, 1e-2):
+        step = over_a_floor(height)
+        energy, push = Contact().energy_and_gradient(step.x, step)
+        assert energy.item() < 1e-30
+        assert push.norm() < 1e-12
+
+
+def test_the_body_is_met_where_it_will_be():
+    """A floor that rises by 5 cm pushes a cloth that was 2 cm above it; one that sinks does not."""
+    step = over_a_floor(0.02)
+    rising = with_body(step, x_next=step.obstacle.x + 0.05 * UP)
+    energy = Contact(stiffness=1.0)(step.x, rising)
+    assert energy.item() == pytest.approx(25 * (0.03 + 2e-3) ** 3)
+    sinking = with_body(step, x_next=step.obstacle.x - 0.05 * UP)
+    assert Contact(stiffness=1.0)(step.x - 0.04 * UP, sinking).item() == 0.0
+
+
+def test_what_is_far_at_the_start_takes_no_part():
+    """Beyond the search range there is nothing to evaluate, even for a cloth that ends inside the body."""
+    step = over_a_floor(0.2)
+    contact = Contact(search_range=0.1)
+    assert len(step.nearest_faces(0.1).vertices) == 0
+    assert contact(step.x - 0.3 * UP, step).item() == 0.0
+    assert contact.stencils(step.x, step)[0].blocks.shape == (0, 1, 3, 1, 3)
+
+
+def test_the_body_is_searched_once_a_step(monkeypatch):
+    """Contact and friction of all iterations share one search."""
+    searches = []
+    find = NearestFaces.find
+    monkeypatch.setattr(NearestFaces, "find", lambda *args: searches.append(0) or find(*args))
+    step = over_a_floor(1e-3)
+    contact = Contact()
+    for term in (contact, Friction(0.5, contact)):
+        for _ in range(3):
+            term.energy_and_gradient(step.x, step)
+            term.stencils(step.x, step)
+    assert len(searches) == 1
+
+
+def test_cloth_that_moves_with_the_body_does_not_slip():
+    """Body and cloth turned and moved over the step: no friction energy, no force; also beside edges of the body."""
+    step, _ = make_step(square_grid(1.0, 8))
+    friction = Friction(0.5, Contact(thickness=0.05))
+    near = step.nearest_faces(0.1)
+    assert near.along.norm(dim=-1).max() > 1e-4
+    turn, shift = tilt(0.5), torch.tensor([0.1, 0.2, -0.3], dtype=torch.float64)
+    carried = with_body(step, x_next=step.obstacle.x @ turn.T + shift)
+    x_next = step.x @ turn.T + shift
+    energy, gradient = friction.energy_and_gradient(x_next, carried)
+    _, slipping = friction.energy_and_gradient(x_next + 0.01, carried)
+    assert energy.item() < 1e-9
+    assert slipping.norm() > 1.0
+    assert gradient.norm() < 1e-6 * slipping.norm()
+
+
+def test_friction_is_coulombs():
+    """Against the slip, μ N above the slip speed whatever the slip, less below, nothing at rest and without contact."""
+    contact = Contact(stiffness=1e6)
+    depth = math.sqrt(1.0 / 3e6)
+    step = over_a_floor(2e-3 - depth)
+    friction = Friction(0.4, contact, slip_speed=1e-3)
+    direction = torch.tensor([0.6, 0.8, 0.0], dtype=torch.float64)
+    forces = []
+    for speed in (0.0, 2e-4, 1.001e-3, 1.0):
+        _, gradient = friction.energy_and_gradient(step.x + speed * step.dt * direction + 1e-3 * UP, step)
+        assert (gradient - gradient[0]).abs().max() < 1e-9
+        forces.append(float(gradient[0] @ direction))
+        assert (gradient[0] - forces[-1] * direction).norm() < 1e-9
+    assert forces == pytest.approx([0.0, 0.4 * (2 * 0.2 - 0.2**2), 0.4, 0.4], abs=1e-9)
+    assert friction(over_a_floor(3e-3).x + direction, over_a_floor(3e-3)).item() == 0.0
+
+
+@pytest.mark.parametrize(("coefficient", "slides"), [(0.3, True), (1.0, False)])
+def test_a_slope(coefficient, slides):
+    """On 30°, one step from rest: dt² g (sin α - μ cos α) down the slope, or creep below the slip speed."""
+    angle = math.pi / 6.0
+    turn = tilt(angle)
+    contact = Contact(stiffness=1e6)
+    depth = math.sqrt(math.cos(angle) / 3e6)
+    step = over_a_floor(2e-3 - depth, turn)
+    down = turn @ torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64)
+    terms = (Inertia(), Gravity(), contact, Friction(coefficient, contact))
+    way = torch.zeros((), dtype=torch.float64)
+    for _ in range(100):  # Newton along the slope; the other directions are in balance
+        x = step.x + way * down
+        slope = sum(term.energy_and_gradient(x, step)[1][0] @ down for term in terms)
+        pieces = [s.blocks[0, 0, :, 0] for term in terms for s in term.stencils(x, step)]
+        way = way - slope / sum(down @ piece @ down for piece in pieces)
+    if slides:
+        assert way.item() == pytest.approx(10.0 * (math.sin(angle) - coefficient * math.cos(angle)) * step.dt**2)
+    else:
+        assert 0.0 < way.item() < 1e-3 * step.dt
+
+
+@pytest.mark.parametrize("make", [
+    lambda: Contact(stiffness=0.0), lambda: Contact(thickness=-1e-3), lambda: Contact(search_range=1e-3),
+    lambda: Contact(search_range=math.inf), lambda: Friction(0.0, Contact()), lambda: Friction(0.5, Contact(), 0.0),
+])
+def test_impossible_numbers_are_refused(make):
+    with pytest.raises(DrapeError, match="expected finite numbers"):
+        make()
+
+
+def test_no_body_no_contact():
+    step, x = make_step(square_grid(1.0, 3))
+    with pytest.raises(DrapeError, match="no obstacle"):
+        Contact()(x, replace(step, obstacle=None))
