@@ -14,7 +14,6 @@ from drape.config import instantiate
 from drape.config.entry_point import CONF
 from drape.data import schema
 from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
-from drape.data.held_out import recorded
 from drape.errors import DrapeError
 from drape.scene.grid import square_grid
 from drape.scene.scene import Scene
@@ -243,7 +242,7 @@ def data(tmp_path: Path) -> Path:
 
 def test_a_recorded_sequence_is_a_scene(data):
     scene = built("held_out", f"scene.path={data}", "scene.frames=3", fabric="denim")
-    truth = recorded(str(data), "denim", 0, 3)
+    truth = scene.reference
     assert truth.shape == (4, 16, 3)
     np.testing.assert_array_equal(scene.initial.x, truth[0])
     x = np.random.default_rng(0).normal(size=(4, 5, 16, 3)).astype(np.float32)[3].astype(np.float64)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from drape.data.hdf5 import TrajectoryFile
 from drape.errors import DrapeError
@@ -20,18 +19,21 @@ START = 1
 def held_out(path: str, fabric: str, sequence: int, frames: int) -> Scene:
     """Test sequence number ``sequence`` (0, 1, ...) of ``fabric``: mesh, pins, masses and gravity as recorded.
 
-    The scene begins at the recorded frame 1 with ``v = (x¹ - x⁰) / dt``; its frame k is the recorded frame k + 1.
+    The scene begins at the recorded frame 1 with ``v = (x¹ - x⁰) / dt``; its frame k is the recorded frame k + 1, and
+    the recorded frames are its ``reference``.
 
     Raises:
         DrapeError: no such file, fabric or sequence, or fewer recorded frames than asked for.
     """
     file = TrajectoryFile(path)
-    first, second = file.positions(_index(file, fabric, sequence), 0, START + 1).astype(np.float64)
+    index = _index(file, fabric, sequence)
     if not 1 <= frames <= file.num_frames - START - 1:
         raise DrapeError(
             f"{path}: scene.frames: found {frames}; expected 1..{file.num_frames - START - 1}, as the file has "
             f"{file.num_frames} frames a sequence and the scene begins at frame {START}"
         )
+    recorded = file.positions(index, 0, START + frames + 1).astype(np.float64)
+    first, second = recorded[: START + 1]
     material = Material.from_settings(fabric, file.materials[fabric])
     return Scene(
         name=f"held_out_{fabric}_{sequence}",
@@ -43,13 +45,8 @@ def held_out(path: str, fabric: str, sequence: int, frames: int) -> Scene:
         dt=file.dt,
         frames=frames,
         pins=Pins.fixed(file.pinned, second),
+        reference=recorded[START:],
     )
-
-
-def recorded(path: str, fabric: str, sequence: int, frames: int) -> Float[np.ndarray, "frames vertices 3"]:
-    """What Blender made of :func:`held_out`: positions [m] of the scene's frames 0 to ``frames``."""
-    file = TrajectoryFile(path)
-    return file.positions(_index(file, fabric, sequence), START, START + frames + 1).astype(np.float64)
 
 
 def _index(file: TrajectoryFile, fabric: str, sequence: int) -> int:

@@ -23,8 +23,8 @@ class EdgeScale:
 
         S = s x/tanh(x),  x = ρ/WIDEST
 
-    which keeps the angles of q/S below ``WIDEST`` and lets the energy grow beyond like a square; where φp is a quadratic
-    form S cancels, whatever it is. A mesh like the one learned on has ``S = 1`` exactly.
+    which keeps the angles of q/S below ``WIDEST`` and lets the energy grow beyond like a square; where φp is a
+    quadratic form S cancels, whatever it is. A mesh like the one learned on has ``S = 1`` exactly.
     """
 
     def __init__(self, mesh: MeshBatch, face_area: float):

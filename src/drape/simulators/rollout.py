@@ -1,0 +1,80 @@
+"""Frame after frame: a scene turned into a stored animation that can be interrupted at any time."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from tqdm import tqdm
+
+from drape.data.animation_writer import AnimationWriter
+from drape.energy.penetration import inside_fraction, push_out
+from drape.scene.scene import Scene
+from drape.scene.state import State
+from drape.simulators.simulator import Outcome, Simulator, StepResult
+
+COLUMNS = {"iterations": "1", "residual": "N", "substeps": "1", "converged": "1", "seconds": "s", "inside": "1"}
+"""Stored with each frame; ``inside``: share of the vertices inside the body."""
+CLEARANCE = 2e-3
+"""Distance from the body to which the first frame is moved where it is inside [m]."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """How the frames of this call went; those that were there before are not counted."""
+
+    outcomes: Counter[Outcome]
+    seconds: list[float]
+    """Per frame."""
+
+
+def first_frame(scene: Scene) -> State:
+    """The initial state, with vertices that are inside the body moved out of it and stopped."""
+    if scene.obstacle is None:
+        return scene.initial
+    initial, body = scene.initial, scene.obstacle
+    x = push_out(initial.x, body.faces, body.at(0), CLEARANCE, _reach(body.at(0)))
+    moved = (x != initial.x).any(axis=1, keepdims=True)
+    return State(x, np.where(moved, 0.0, initial.v))
+
+
+def roll_out(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Rollout:
+    """Simulate the frames that ``writer`` does not have yet, with a progress bar; each is stored as it is done."""
+    if writer.num_frames == 0:
+        writer.append(first_frame(scene))
+    outcomes, seconds = Counter(), []
+    state = writer.state(writer.num_frames - 1)
+    done = writer.num_frames - 1
+    with tqdm(total=scene.frames, initial=done, desc=f"animating {scene.name}", unit=" frames", file=sys.stderr) as bar:
+        for frame in range(done, scene.frames):
+            began = time.perf_counter()
+            result = simulator.step(state, frame)
+            seconds.append(time.perf_counter() - began)
+            state = result.state
+            writer.append(state, _numbers(result, seconds[-1], scene, frame + 1))
+            outcomes[result.outcome] += 1
+            bar.set_postfix_str(f"{1e3 * np.median(seconds):.0f} ms/frame")
+            bar.update()
+    return Rollout(outcomes, seconds)
+
+
+def _numbers(result: StepResult, seconds: float, scene: Scene, frame: int) -> dict[str, float]:
+    numbers = {
+        "iterations": result.iterations,
+        "residual": result.residual,
+        "substeps": result.substeps,
+        "converged": float(result.outcome is Outcome.CONVERGED),
+        "seconds": seconds,
+    }
+    if scene.obstacle is not None:
+        body = scene.obstacle.at(frame)
+        numbers["inside"] = inside_fraction(result.state.x, scene.obstacle.faces, body, _reach(body))
+    return numbers
+
+
+def _reach(body: np.ndarray) -> float:
+    """How far inside a vertex can be [m]: half the largest extent of the body."""
+    return 0.5 * float(np.ptp(body, axis=0).max())

@@ -1,0 +1,96 @@
+"""Deformations of edges: the quantities of EdgeGeometry, with derivatives that autograd confirms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from drape.energy.edge_deformation import EdgeDeformation
+from drape.energy.edge_scale import WIDEST, EdgeScale
+from drape.scene.geometry import EdgeGeometry, subtract_angles
+from drape.scene.grid import square_grid
+from drape.scene.mesh_batch import MeshBatch
+from tests.conftest import bent
+
+
+def test_the_same_quantities_as_in_training(cloth_batch):
+    x = bent(cloth_batch.rest_positions, 0.8)
+    stretch, alpha, beta = EdgeDeformation(x, cloth_batch, bends=True).q
+    geometry, rest = EdgeGeometry(x, cloth_batch), cloth_batch.rest
+    torch.testing.assert_close(stretch, geometry.length - cloth_batch.rest_lengths)
+    for angle, pair, at_rest in ((alpha, geometry.twist, rest.twist), (beta, geometry.bend, rest.bend)):
+        expected = subtract_angles(pair, at_rest)
+        torch.testing.assert_close(torch.stack([angle.cos(), angle.sin()], -1), expected, atol=1e-10, rtol=0)
+
+
+@pytest.mark.parametrize("bends", [True, False])
+def test_pull_is_the_derivative(cloth_batch, bends):
+    x = bent(cloth_batch.rest_positions, 0.8).requires_grad_()
+    deformation = EdgeDeformation(x, cloth_batch, bends=bends)
+    slopes = torch.randn_like(deformation.q)
+    (expected,) = torch.autograd.grad((deformation.q * slopes).sum(), x)
+    found = EdgeDeformation(x.detach(), cloth_batch, bends=bends).pull(slopes)
+    torch.testing.assert_close(found, expected, atol=1e-8, rtol=1e-8)
+
+
+@pytest.mark.parametrize("bends", [True, False])
+def test_jacobian_is_the_transpose_of_pull(cloth_batch, bends):
+    deformation = EdgeDeformation(bent(cloth_batch.rest_positions, 0.8), cloth_batch, bends=bends)
+    slopes = torch.randn_like(deformation.q)
+    rows = deformation.jacobian()
+    assert len(rows) == (3 if bends else 1)
+    pulled = sum(row.T @ slope.numpy() for row, slope in zip(rows, slopes, strict=False))
+    np.testing.assert_allclose(pulled.reshape(-1, 3), deformation.pull(slopes).numpy(), atol=1e-9)
+
+
+@pytest.mark.parametrize("place", ["one point", "one line", "folded", "scrambled", "far away"])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_finite_for_every_input(cloth_batch, place, dtype):
+    rest = cloth_batch.rest_positions
+    x = {
+        "one point": torch.zeros_like(rest),
+        "one line": rest * torch.tensor([1.0, 0.0, 0.0]),
+        "folded": torch.stack([rest[:, 0].abs(), rest[:, 1], 0 * rest[:, 0]], -1),
+        "scrambled": torch.randn_like(rest),
+        "far away": rest + 1e4,
+    }[place].to(dtype)
+    deformation = EdgeDeformation(x, cloth_batch, bends=True)
+    assert deformation.q.isfinite().all()
+    assert deformation.q.dtype == dtype
+    assert deformation.pull(torch.ones_like(deformation.q)).isfinite().all()
+    assert all(np.isfinite(row.data).all() for row in deformation.jacobian())
+
+
+def test_without_bending_no_normal_is_computed(cloth_batch, monkeypatch):
+    monkeypatch.setattr(EdgeDeformation, "_sum", property(lambda self: pytest.fail("normals were computed")))
+    deformation = EdgeDeformation(bent(cloth_batch.rest_positions), cloth_batch, bends=False)
+    assert (deformation.q[1:] == 0).all()
+    deformation.pull(deformation.q)
+
+
+def test_the_mesh_learned_on_has_scale_one():
+    mesh = MeshBatch.from_meshes([square_grid(4.8, 22)])
+    scale, turns = EdgeScale(mesh, (4.8 / 21) ** 2 / 2).at(torch.ones(3, mesh.num_edges, dtype=torch.float64))
+    assert scale == 1.0
+    assert turns is None
+
+
+def test_scale_follows_resolution_and_keeps_angles_within_what_was_learned():
+    mesh = MeshBatch.from_meshes([square_grid(4.8, 43)])
+    edges = EdgeScale(mesh, (4.8 / 21) ** 2 / 2)
+    small = torch.zeros(3, mesh.num_edges, dtype=torch.float64)
+    torch.testing.assert_close(edges.at(small)[0], torch.full_like(small[0], 0.5), atol=1e-4, rtol=0)
+    wide = torch.full_like(small, 2.5)
+    scale, _ = edges.at(wide)
+    assert (wide[1:].norm(dim=0) / scale <= WIDEST * (1 + 1e-6)).all()
+
+
+def test_slopes_of_the_scale_are_its_derivatives():
+    mesh = MeshBatch.from_meshes([square_grid(1.0, 5)])
+    edges = EdgeScale(mesh, 0.1)
+    q = torch.randn(3, mesh.num_edges, dtype=torch.float64).requires_grad_()
+    scale, turns = edges.at(q)
+    (expected,) = torch.autograd.grad(scale.sum(), q)
+    torch.testing.assert_close(turns, expected[1:])
+    assert (expected[0] == 0).all()

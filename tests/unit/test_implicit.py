@@ -1,0 +1,186 @@
+"""The solver on cases with a known answer, and what it promises of every other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from drape.energy.bending import Bending
+from drape.energy.incremental_potential import IncrementalPotential
+from drape.energy.stvk import StVK
+from drape.errors import DrapeError
+from drape.scene.grid import square_grid
+from drape.scene.material import Material
+from drape.scene.obstacle import Obstacle
+from drape.scene.pins import Pins
+from drape.scene.scene import Scene
+from drape.scene.state import State
+from drape.simulators.implicit import ImplicitSolver
+from drape.simulators.simulator import Outcome
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
+NO_ATTRIBUTES = torch.zeros(5, dtype=torch.float64)
+
+
+def scene_of(resolution: int = 8, **changes: object) -> Scene:
+    mesh = square_grid(1.0, resolution)
+    rest = mesh.rest_positions.astype(np.float64)
+    mass = np.full(len(rest), 0.01)
+    base = Scene("test", mesh, State.at_rest(rest), SILK, mass, GRAVITY, dt=1 / 30, frames=30)
+    return replace(base, **changes)
+
+
+def solver_of(scene: Scene, **settings: object) -> ImplicitSolver:
+    potential = IncrementalPotential.for_scene(scene, [StVK(), Bending()])
+    return ImplicitSolver(potential, scene, NO_ATTRIBUTES, **settings)
+
+
+def run(scene: Scene, frames: int, **settings: object) -> list:
+    solver, state, results = solver_of(scene, **settings), scene.initial, []
+    for frame in range(frames):
+        results.append(solver.step(state, frame))
+        state = results[-1].state
+    return results
+
+
+def cloth_energy(scene: Scene, state: State) -> float:
+    """Kinetic, gravitational and elastic [J]."""
+    step = solver_of(scene).steps.step(state, 0.0, 1.0)
+    elastic = sum(float(term(step.x, step)) for term in (StVK(), Bending()))
+    kinetic = 0.5 * (scene.mass[:, None] * state.v**2).sum()
+    return kinetic - (scene.mass[:, None] * state.x * scene.gravity).sum() + elastic
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_free_fall_is_that_of_implicit_euler(precision):
+    scene = scene_of()
+    results = run(scene, 10, precision=precision, tolerance=1e-6)
+    fallen = sum(k * 9.81 / 30**2 for k in range(1, 11))
+    expected = scene.initial.x - np.array([0.0, 0.0, fallen])
+    np.testing.assert_allclose(results[-1].state.x, expected, atol=1e-9 if precision == "float64" else 1e-5)
+    assert results[-1].outcome in (Outcome.CONVERGED, Outcome.PRECISION)
+
+
+def test_a_hanging_cloth_comes_to_rest_where_forces_balance():
+    top = np.arange(8)
+    scene = scene_of(dt=1.0)  # long steps damp the swinging
+    scene = replace(scene, pins=Pins.fixed(top, scene.initial.x))
+    results = run(scene, 60, tolerance=1e-9)
+    last = results[-1].state
+    assert np.abs(last.v).max() < 1e-3
+    hanging = scene.mass.sum() - scene.mass[top].sum()
+    step = solver_of(scene).steps.step(last, 0.0, 1.0)
+    total = sum(term.energy_and_gradient(step.x, step)[1] for term in (StVK(), Bending()))
+    np.testing.assert_allclose(total.numpy()[top].sum(0), -hanging * GRAVITY, rtol=1e-3, atol=1e-3)
+
+
+def test_two_budgets_reach_the_same_minimum():
+    scene = scene_of()
+    scene = replace(scene, pins=Pins.fixed(np.array([0, 7]), scene.initial.x))
+    exact = run(scene, 5, tolerance=1e-10, iterations=500)
+    usual = run(scene, 5, tolerance=1e-6)
+    np.testing.assert_allclose(exact[-1].state.x, usual[-1].state.x, atol=1e-4)
+    assert exact[-1].residual < 1e-9
+
+
+def test_any_budget_gives_a_usable_frame():
+    scene = scene_of()
+    scene = replace(scene, pins=Pins.fixed(np.array([0, 7]), scene.initial.x))
+    results = run(scene, 20, iterations=3)
+    assert all(np.isfinite(r.state.x).all() and r.iterations <= 5 for r in results)
+    assert np.abs(results[-1].state.x).max() < 3
+    assert Outcome.ITERATIONS in {r.outcome for r in results}
+    assert "simulator.iterations" in Outcome.ITERATIONS.value
+
+
+@pytest.mark.parametrize("dt", [0.1, 1 / 30, 1 / 960])
+@pytest.mark.parametrize("stretch", [0.01, 3.0])
+def test_without_work_from_outside_energy_never_grows(dt, stretch):
+    scene = scene_of(gravity=np.zeros(3), dt=dt)
+    rng = np.random.default_rng(0)
+    start = State.at_rest(stretch * scene.initial.x + 0.01 * rng.normal(size=scene.initial.x.shape))
+    energies = [cloth_energy(scene, start)]
+    state, solver = start, solver_of(scene)
+    for frame in range(8):
+        state = solver.step(state, frame).state
+        energies.append(cloth_energy(scene, state))
+    assert (np.diff(energies) <= 1e-9 * energies[0]).all()
+
+
+def test_far_from_the_origin_nothing_changes():
+    scene = scene_of()
+    scene = replace(scene, pins=Pins.fixed(np.array([0, 7]), scene.initial.x))
+    offset = np.array([1e4, -1e4, 1e4])
+    far = replace(scene, initial=State.at_rest(scene.initial.x + offset), pins=None)
+    far = replace(far, pins=Pins.fixed(np.array([0, 7]), far.initial.x))
+    near, away = run(scene, 5, tolerance=1e-9), run(far, 5, tolerance=1e-9)
+    np.testing.assert_allclose(away[-1].state.x - offset, near[-1].state.x, atol=1e-6)
+
+
+def test_pinned_vertices_are_exactly_where_they_shall_be():
+    scene = scene_of()
+    path = np.stack([scene.initial.x[[0, 7]] + [0.0, 0.01 * k, 0.0] for k in range(31)])
+    scene = replace(scene, pins=Pins(np.array([0, 7]), path))
+    for frame, result in enumerate(run(scene, 5)):
+        np.testing.assert_array_equal(result.state.x[[0, 7]], path[frame + 1])
+
+
+def test_substeps_are_taken_only_where_a_frame_does_not_converge():
+    scene = scene_of()
+    scene = replace(scene, pins=Pins.fixed(np.array([0, 7]), scene.initial.x))
+    assert run(scene, 3, substeps=8)[-1].substeps == 1
+    short = run(scene, 3, substeps=4, iterations=2)
+    assert max(r.substeps for r in short) == 4
+
+
+def ground(size: float, height: float) -> Obstacle:
+    corners = np.array([[-size, -size, height], [size, -size, height], [size, size, height], [-size, size, height]])
+    return Obstacle(np.array([[0, 1, 2], [0, 2, 3]]), corners[None])
+
+
+def test_cloth_comes_to_rest_on_the_ground_and_not_below():
+    scene = scene_of(obstacle=ground(2.0, -0.05), friction=0.5)
+    results = run(scene, 40)
+    heights = np.array([r.state.x[:, 2] for r in results])
+    assert heights.min() > -0.05
+    assert np.abs(results[-1].state.v).max() < 0.02
+    weight, potential = 0.01 * 9.81, solver_of(scene).potential
+    depth = potential.contact.thickness - (heights[-1] + 0.05)
+    np.testing.assert_allclose(potential.contact.normal_force(torch.tensor(depth)).mean(), weight, rtol=0.05)
+
+
+def test_only_what_the_scene_requires():
+    names = IncrementalPotential.for_scene(scene_of(gravity=np.zeros(3)), [StVK()]).names
+    assert names == ["inertia", "stvk"]
+    force = np.zeros((64, 3))
+    full = scene_of(external_force=force, obstacle=ground(1.0, -1.0), friction=0.3)
+    potential = IncrementalPotential.for_scene(full, [StVK()])
+    assert potential.names == ["inertia", "gravity", "external", "stvk", "contact", "friction"]
+    assert set(potential.reasons) == set(potential.names)
+    smooth = IncrementalPotential.for_scene(replace(full, friction=None), [StVK()])
+    assert "friction" not in smooth.names
+
+
+def test_without_a_body_nothing_is_searched(monkeypatch):
+    from drape.energy import nearest_faces
+
+    monkeypatch.setattr(nearest_faces.NearestFaces, "find", lambda *_: pytest.fail("nearest faces were searched"))
+    run(scene_of(), 2)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"iterations": 0}, r"simulator\.iterations: found 0; expected a whole number from 1 on"),
+        ({"substeps": 0}, r"simulator\.substeps: found 0"),
+        ({"precision": "float16"}, r"simulator\.precision: found 'float16'; expected float32 or float64"),
+        ({"tolerance": 0.0}, r"simulator\.tolerance: found 0\.0; expected newtons"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(settings, sentence):
+    with pytest.raises(DrapeError, match=sentence):
+        solver_of(scene_of(), **settings)
