@@ -11,6 +11,7 @@ import fcntl
 import hashlib
 import json
 import math
+import os
 import shutil
 import zipfile
 from collections.abc import Mapping
@@ -68,7 +69,8 @@ class AnimationWriter:
         self.num_frames = self._count()
 
     def _refuse_other(self, found: Mapping, wanted: Mapping, where: Path) -> None:
-        refuse_difference(found, wanted, where, f"delete {where}, or choose another place for this one")
+        remedy = f"delete {self.path.name} and {self.parts.name} there, or choose another place for this one"
+        refuse_difference(found, wanted, where, remedy)
 
     def _claim(self, wanted: dict) -> None:
         """Make the folder of parts, or see that the one found belongs to the same animation; keep others out."""
@@ -172,7 +174,8 @@ class AnimationWriter:
     def _pack(self) -> None:
         header, frames = self.header, self.num_frames
         size = frames * header.rest_positions.size * 2 * 8
-        with whole_file(self.path) as temporary:
+        packed = self.parts / "packed.h5"  # here a kill leaves nothing behind that would not go with the parts
+        with whole_file(packed) as temporary:
             reserve(temporary, size)
             with h5py.File(temporary, "w") as file:
                 _write_header(file, header)
@@ -186,6 +189,7 @@ class AnimationWriter:
                     file[f"numbers/{name}"] = rows[:, column]
                     file[f"numbers/{name}"].attrs.update(units=unit)
             flush(temporary)
+        os.replace(packed, self.path)
 
 
 def _write_header(file: h5py.File, header: AnimationHeader) -> None:
