@@ -17,7 +17,7 @@ from drape.energy.stvk import StVK
 from drape.errors import DrapeError
 from drape.scene.grid import square_grid
 from drape.scene.mesh import ClothMesh
-from tests.terms import assembled, make_step
+from tests.terms import assembled, converted, make_step
 
 HEIGHT = math.sqrt(3.0) / 2.0
 TRIANGLE = ClothMesh.from_faces(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
@@ -73,6 +73,14 @@ def test_bending_of_a_fold_is_finite_and_pulls_nowhere_wrong():
     assert torch.isfinite(gradient).all()
 
 
+def test_a_collapsed_hinge_has_no_angle():
+    """What is left of the angle of faces a billionth of their size is rounding; it counts as zero."""
+    step, _ = make_step(HINGE)
+    energy, gradient = Bending(3.96e-5).energy_and_gradient(1e-9 * opened(2.0), step)
+    assert energy.item() < 1e-30
+    assert gradient.norm() < 1e-12
+
+
 def test_membrane_stiffness_is_never_too_small(small_cloth):
     """Under compression the stencils bound the Hessian from above; in tension they are it (contract)."""
     step, _ = make_step(small_cloth)
@@ -91,6 +99,14 @@ def test_free_fall_is_the_minimum_of_inertia_and_weight():
     x = step.x + step.dt * step.v + step.dt**2 * acceleration
     total = sum(term.energy_and_gradient(x, step)[1] for term in (Inertia(), Gravity(), ExternalForce()))
     assert total.abs().max() < 1e-12
+
+
+def test_slow_motion_far_away_is_not_rounded_off():
+    """Single precision at 100 m: x + dt v is x for 0.1 mm/s, and still a cloth held at x feels its inertia, m v/dt."""
+    step, _ = make_step(square_grid(1.0, 5))
+    step = converted(replace(step, x=step.x + 100.0, v=torch.full_like(step.v, 1e-4)), torch.float32)
+    _, gradient = Inertia().energy_and_gradient(step.x, step)
+    torch.testing.assert_close(gradient, -step.mass[:, None] * step.v / step.dt)
 
 
 def test_weight_of_a_lifted_cloth():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import torch
@@ -48,9 +50,20 @@ def spiky() -> trimesh.Trimesh:
     return mesh
 
 
+def blade() -> trimesh.Trimesh:
+    """A thin blade whose right side is cut into slivers: at the tip, most faces look away from what is on its left."""
+    right = [(0.02, y, -0.3) for y in np.linspace(0.2, -0.2, 30)]
+    corners = [(0.0, 0.0, 0.3), (-0.02, -0.2, -0.3), (-0.02, 0.2, -0.3), *right]
+    around = [1, 2, *range(3, 33), 1]
+    sides = [(0, after, before) for before, after in pairwise(around)]
+    base = [(1, before, after) for before, after in pairwise(around[1:-1])]
+    return trimesh.Trimesh(corners, [*sides, *base], process=False)
+
+
 BODIES = {
     "sphere": lambda: trimesh.creation.icosphere(subdivisions=3, radius=0.3),
     "spiky": spiky,
+    "blade": blade,
     "box": lambda: trimesh.creation.box((0.5, 0.3, 0.02)),
     "poles": lambda: trimesh.creation.uv_sphere(radius=0.3, count=(8, 60)),
     "on_a_floor": lambda: trimesh.util.concatenate([
@@ -67,8 +80,11 @@ def test_nearest_and_side(body, device, monkeypatch):
     if device == "chunks":
         monkeypatch.setattr(near_centres, "cKDTree", lambda *_, **__: None)
         monkeypatch.setattr(near_centres, "CHUNK", 10_000)
-    faces, vertices = tensors(BODIES[body]())
+    mesh = BODIES[body]()
+    assert mesh.is_volume
+    faces, vertices = tensors(mesh)
     x = torch.cat([0.8 * torch.rand(200, 3, dtype=torch.float64) - 0.4, *(s * vertices[:50] for s in (1.01, 0.99))])
+    x = torch.cat([x, vertices[0] + 0.05 * torch.randn(100, 3, dtype=torch.float64)])
     near = find(x, faces, vertices)
     expected = tried(x, vertices[faces])
     seen = (expected <= 0.5).nonzero()[:, 0]
