@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -10,6 +11,9 @@ from omegaconf import DictConfig, OmegaConf
 
 from drape.config.sentences import did_you_mean
 from drape.errors import DrapeError
+
+SHIPPED = Path(__file__).parents[1] / "checkpoints"
+"""Where the checkpoints and tables are that come with the program."""
 
 
 class StatisticsUnknown(DrapeError):
@@ -53,5 +57,11 @@ def _joined(group: str, *, _root_: DictConfig) -> str:
     return chosen(group, _root_.get("hydra"))
 
 
+def _shipped(name: str) -> str:
+    """``${shipped:<file>}``: a checkpoint or table that comes with the program."""
+    return str(SHIPPED / name)
+
+
+OmegaConf.register_new_resolver("shipped", _shipped, replace=True)
 OmegaConf.register_new_resolver("joined", _joined, replace=True)
 set_statistics(None)

@@ -9,11 +9,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.data.datamodule import TrajectoryDataModule
 from drape.energy.bending import Bending
 from drape.energy.dissipation import Dissipation
 from drape.energy.edge_law import EdgeLaw
 from drape.energy.elastic import ElasticEnergy
 from drape.energy.load_law import load_baked, load_law
+from drape.energy.mass_spring import MassSpringLaw
+from drape.energy.springs import SpringEnergy
 from drape.energy.stvk import StVK
 from drape.energy.term import EnergyTerm
 from drape.scene.material import ATTRIBUTES, Material
@@ -51,6 +54,18 @@ def phys(shear_modulus: float, first_lame: float, thickness: float, bending_stif
     """PHYS, the analytic law of the self-supervised baselines: a StVK membrane and dihedral bending."""
     terms = [StVK(shear_modulus, first_lame, thickness), Bending(bending_stiffness)]
     return Fabric(terms, torch.zeros(len(ATTRIBUTES), dtype=torch.float64))
+
+
+def mass_spring(path: str, windows: int, material: Material) -> Fabric:
+    """The mass-spring law fitted on ``windows`` triplets of frames of the data file at ``path``, all of one fabric.
+
+    Raises:
+        DrapeError: no such file, or one without this fabric.
+    """
+    data = TrajectoryDataModule(path, [material.name], 1, 50, dict.fromkeys(ATTRIBUTES, 1.0), seed=None)
+    law = MassSpringLaw.fit(data.spaced_windows(windows, 50), len(data.file.fabrics))
+    fabric = data.file.fabrics.index(material.name)
+    return Fabric([SpringEnergy(law, fabric)], torch.zeros(len(ATTRIBUTES), dtype=torch.float64))
 
 
 def _terms(law: EdgeLaw, transfer: bool) -> list[EnergyTerm]:

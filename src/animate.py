@@ -1,0 +1,50 @@
+"""Animate a scene with the energies that it needs: ``python src/animate.py scene=sphere energy=eunet_baked``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+
+from drape import config as conf
+from drape.blender.output import check_formats, check_pictures, export, render
+from drape.data.animation_hdf5 import AnimationHeader
+from drape.data.animation_writer import AnimationWriter
+from drape.energy.incremental_potential import IncrementalPotential
+from drape.report.animated import animated, explained
+from drape.report.preview import preview
+from drape.simulators.rollout import COLUMNS, roll_out
+
+SHAPES_FRAMES = ("scene", "fabric", "energy", "contact", "simulator")
+"""Groups of the config that determine the frames."""
+
+
+@conf.main("animate")
+def main(config: DictConfig) -> None:
+    conf.check_config(config, contents="animate")
+    output, folder = config.output, Path(config.folder)
+    check_formats(output.formats)
+    if output.render == "cycles":
+        check_pictures(output.samples, list(output.size), output.every)
+    scene = conf.instantiate(config.scene)
+    fabric = conf.instantiate(config.energy)
+    potential = IncrementalPotential.for_scene(scene, fabric.terms, conf.instantiate(config.contact))
+    simulator = conf.instantiate(config.simulator)(potential, scene, fabric.attributes)
+    if config.explain:
+        Console().print(explained(potential, simulator.steps.step(scene.initial, 0.0, 1.0)).terminal())
+        return
+    settings = {name: OmegaConf.to_container(config[name], resolve=True) for name in SHAPES_FRAMES}
+    path = folder / "animation.h5"
+    with AnimationWriter(path, AnimationHeader.of_scene(scene, COLUMNS, OmegaConf.to_yaml(settings))) as writer:
+        rollout = roll_out(simulator, scene, writer)
+    made = [path, *export(path, output.formats, folder)]
+    if output.render == "preview":
+        made.append(preview(path, folder / "preview.png"))
+    elif output.render == "cycles":
+        made.append(render(path, folder, output.samples, list(output.size), output.every))
+    print(animated(path, scene, rollout, made))
+
+
+if __name__ == "__main__":
+    main()
