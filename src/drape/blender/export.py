@@ -50,10 +50,14 @@ def _usd(path: Path, frames: int) -> None:
 
 
 def _glb(path: Path, frames: int) -> None:
+    rate = bpy.context.scene.render
+    rate.fps_base = 1.0 / rate.fps_base  # the exporter of 5.0 multiplies by it where the rest of Blender divides
     bpy.ops.export_scene.gltf(
         filepath=str(path),
         export_format="GLB",
         export_animations=frames > 1,
+        export_animation_mode="SCENE",  # cloth and body in one animation: viewers play one at a time
+        export_anim_scene_split_object=False,
         export_morph=True,
         export_morph_normal=True,
         export_morph_animation=True,

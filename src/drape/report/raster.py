@@ -31,16 +31,16 @@ def draw(surfaces: list[Surface], camera: Camera, width: int, height: int) -> Fl
     """A picture (0 to 1) of ``surfaces``, smoothly shaded on both sides, nearer ones in front; 4 samples a pixel."""
     shape = 2 * height, 2 * width
     picture = np.full((*shape, 3), BACKGROUND, np.float32)
-    depth = np.full(shape, np.inf)
+    nearness = np.zeros(shape)  # 1 / distance [1/m], which is linear across the picture of a plane
     for surface in surfaces:
         projected = camera.project(surface.positions)
         across = (projected[:, 0] + 1.0) * width - 0.5
         down = (1.0 - projected[:, 1]) * height - 0.5
-        screen = np.column_stack([across, down, projected[:, 2]])
         normals = _vertex_normals(surface) @ camera.axes
         visible = (projected[surface.faces, 2] > 0.0).all(axis=1)
+        screen = np.column_stack([across, down, 1.0 / projected[:, 2]])
         for faces in _portions(surface.faces[visible], screen, shape):
-            _fill(picture, depth, faces, screen, normals, np.array(surface.colour))
+            _fill(picture, nearness, faces, screen, normals, np.array(surface.colour))
     return picture.reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
 
 
@@ -71,15 +71,15 @@ def _portions(faces: np.ndarray, screen: np.ndarray, shape: tuple[int, int]) -> 
 
 def _fill(
     picture: np.ndarray,
-    depth: np.ndarray,
+    nearness: np.ndarray,
     faces: np.ndarray,
     screen: np.ndarray,
     normals: np.ndarray,
     colour: np.ndarray,
 ) -> None:
-    """Draw ``faces`` where they are nearer than what is in ``picture`` at ``depth`` [m]."""
+    """Draw ``faces`` where they are nearer than what is in ``picture``."""
     corners = screen[faces]
-    low, size = _boxes(corners, depth.shape)
+    low, size = _boxes(corners, nearness.shape)
     pixels = size.prod(axis=1)
     owner = np.repeat(np.arange(len(faces)), pixels)
     place = np.arange(len(owner)) - np.repeat(np.cumsum(pixels) - pixels, pixels)
@@ -95,11 +95,11 @@ def _fill(
     inside = (first >= -1e-9) & (second >= -1e-9) & (third >= -1e-9) & np.isfinite(double_area)
     owner, across, down = owner[inside], across[inside], down[inside]
     weights = np.stack([first, second, third], axis=1)[inside]
-    distance = (weights * corners[owner, :, 2]).sum(axis=1)
-    order = np.argsort(-distance, kind="stable")  # the nearest is written last and stays
-    order = order[distance[order] < depth[down[order], across[order]]]
+    near = (weights * corners[owner, :, 2]).sum(axis=1)
+    order = np.argsort(near, kind="stable")  # the nearest is written last and stays
+    order = order[near[order] > nearness[down[order], across[order]]]
     owner, across, down, weights = owner[order], across[order], down[order], weights[order]
-    depth[down, across] = distance[order]
+    nearness[down, across] = near[order]
     normal = (weights[:, :, None] * normals[faces[owner]]).sum(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     picture[down, across] = np.clip(_shade(normal)[:, None] * colour, 0.0, 1.0)
