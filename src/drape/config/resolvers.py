@@ -1,4 +1,4 @@
-"""What a config may ask for with ``${...}``: statistics of the data, and the options that this run has chosen."""
+"""What a config may ask for with ``${...}``: statistics of the data, the options that this run has chosen, products."""
 
 from __future__ import annotations
 
@@ -62,6 +62,7 @@ def _shipped(name: str) -> str:
     return str(SHIPPED / name)
 
 
+OmegaConf.register_new_resolver("times", lambda a, b: float(a) * float(b), replace=True)
 OmegaConf.register_new_resolver("shipped", _shipped, replace=True)
 OmegaConf.register_new_resolver("joined", _joined, replace=True)
 set_statistics(None)

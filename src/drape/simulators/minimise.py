@@ -16,10 +16,12 @@ from drape.simulators.simulator import Outcome
 
 MEMORY = 8
 """Pairs of positions and gradients that correct the metric between two factorisations (L-BFGS)."""
-REFRESH = 7
-"""Iterations without convergence after which the Hessian is factorised anew."""
-SHRINK = 0.4
-"""Factor of the line search."""
+REFRESH = 3
+"""Iterations after which the Hessian is factorised anew, unless they have brought the residual down to ``SLOW``."""
+SLOW = 0.1
+"""Share of the residual that ``REFRESH`` iterations leave where the factors are good enough."""
+SHRINK = (0.1, 0.5)
+"""Bounds of the factor by which the line search shortens a step; between them a parabola decides."""
 SUFFICIENT = 1e-4
 """Share of the predicted decrease that a step must bring (Armijo)."""
 
@@ -29,8 +31,8 @@ class Minimiser:
 
     Each direction is that of Newton's method with the last factorised positive definite Hessian, corrected by the
     L-BFGS two-loop recursion (Liu, Bouaziz and Kavan 2017, with the whole Hessian in the place of a fixed Laplacian).
-    The factorisation is kept over iterations and frames, and renewed when a frame takes more than ``REFRESH``
-    iterations. The energy never rises, up to its own rounding.
+    The factorisation is kept over iterations and frames, and renewed where ``REFRESH`` iterations bring too little, as
+    when contacts come and go. The energy never rises, up to its own rounding.
     """
 
     def __init__(self, potential: IncrementalPotential, free: Bool[Tensor, " vertices"]):
@@ -55,24 +57,26 @@ class Minimiser:
         pairs: deque[tuple[Tensor, Tensor]] = deque(maxlen=MEMORY)
         if step.dt != self._dt:
             self._factorise(x, step)
-        fresh, since = self._dt_is_new(step), 0
+        fresh, since, before = self._dt_is_new(step), 0, float("inf")
         while True:
             residual = self.residual(best.gradient)
             if residual <= tolerance:
                 return x, best, Outcome.CONVERGED, used, residual
             if used >= iterations:
                 return x, best, Outcome.ITERATIONS, used, residual
-            if self._factors is None or since >= REFRESH:
-                self._factorise(x, step)
-                pairs.clear()
-                fresh, since = True, 0
+            if since >= REFRESH:
+                if residual > SLOW * before:
+                    self._factorise(x, step)
+                    pairs.clear()
+                    fresh = True
+                since, before = 0, residual
             direction = self._direction(best.gradient, pairs)
             found, tried = self._search(x, best, direction, step, iterations - used)
             used, since = used + tried, since + 1
             if found is None:
                 if fresh and not pairs:
                     return x, best, Outcome.PRECISION, used, residual
-                since = REFRESH
+                since, before = REFRESH, 0.0
                 continue
             moved, evaluation = found
             self._remember(pairs, moved - x, evaluation.gradient - best.gradient)
@@ -144,5 +148,13 @@ class Minimiser:
                 flatter = (2 * SUFFICIENT - 1) * slope >= along >= 0.9 * slope
                 if flatter and self.residual(there.gradient) < self.residual(here.gradient):
                     return (moved, there), tried
-            share *= SHRINK
+            share *= _shorter(gained, share * slope)
         return None, tried
+
+
+def _shorter(gained: float, predicted: float) -> float:
+    """Where the parabola through a step that gained this much has its minimum, as a share of the step."""
+    if not np.isfinite(gained):
+        return SHRINK[0]
+    best = -0.5 * predicted / (gained - predicted) if gained > predicted else SHRINK[1]
+    return min(max(best, SHRINK[0]), SHRINK[1])
