@@ -1,0 +1,35 @@
+"""Tabulate the trained law of one fabric as splines: ``python src/bake.py checkpoint=... fabric=silk``."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from drape import config as conf
+from drape.energy.baked_file import save_baked
+from drape.energy.baking import bake
+from drape.energy.load_law import load_law
+from drape.errors import DrapeError
+
+
+@conf.main("bake")
+def main(config: DictConfig) -> None:
+    conf.check_config(config, contents="bake")
+    checkpoint, path = Path(config.checkpoint), Path(config.path)
+    if path.suffix != ".npz":
+        raise DrapeError(f"path: found {path}; expected a name that ends in .npz")
+    fabric, resolution, bounds = (conf.instantiate(config[name]) for name in ("fabric", "table", "bounds"))
+    law, attributes = load_law(str(checkpoint), fabric)
+    sha256 = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
+    source = {"checkpoint": checkpoint.name, "sha256": sha256}
+    baked = bake(law, attributes, resolution, fabric=fabric, progress=True, **source)
+    print(baked.certificate.text())
+    baked.certificate.check(bounds)
+    save_baked(baked, path)
+    print(f"table: {path} ({path.stat().st_size / 1e6:.1f} MB)")
+
+
+if __name__ == "__main__":
+    main()
