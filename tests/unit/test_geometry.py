@@ -181,6 +181,17 @@ def test_a_leading_axis_is_a_batch_of_positions(cloth_batch):
             assert torch.allclose(getattr(both, name)[k], one, atol=1e-14), name
 
 
+def test_components_lie_together_in_memory_on_the_way_there_and_back(cloth_batch):
+    """Sums over the components are most of what training does with the geometry, and are slow in the other order."""
+    x = bent(cloth_batch.rest_positions).requires_grad_()
+    geometry = EdgeGeometry(x, cloth_batch)
+    for name in ("vectors", "direction", "midpoint", "vertex_normals", "twist", "bend", "hinge", "turned"):
+        value = getattr(geometry, name)
+        assert value.mT.is_contiguous(), name
+        (slope,) = torch.autograd.grad(value, geometry.vectors, torch.ones_like(value), True, allow_unused=True)
+        assert slope is None or slope.mT.is_contiguous(), name
+
+
 @pytest.mark.parametrize("name", QUANTITIES)
 def test_first_and_second_derivatives(name, small_cloth):
     mesh = of(small_cloth)

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from drape.scene.geometry import EdgeGeometry, subtract_angles
+from drape.scene.geometry import EdgeGeometry
 
 
 class Deformation(nn.Module, ABC):
@@ -36,8 +36,5 @@ class StretchBending(Deformation):
     size = 5
 
     def forward(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges 5"]:
-        rest = geometry.mesh.rest
-        stretch = (geometry.length - geometry.mesh.rest_lengths)[..., None]
-        twist = subtract_angles(geometry.twist, rest.twist)
-        bend = subtract_angles(geometry.bend, rest.bend)
-        return torch.cat([stretch, twist, bend], -1)
+        stretch = (geometry.length - geometry.mesh.rest_lengths)[..., None, :]
+        return torch.cat([stretch, geometry.turned.mT], -2).mT

@@ -56,8 +56,8 @@ class RateDissipation(DissipationUnits):
         turn = geometry.length - (geometry.vectors * previous.direction).sum(-1)
         speed = safe_norm((geometry.midpoint - previous.midpoint) / dt, SLOWEST)
         air = (speed / self.speed_scale).square() * geometry.area / self.area_scale
-        motion = torch.stack([before[..., 0] * turn / self.stretch_scale**2, air, speed / self.speed_scale], -1)
-        return torch.cat([before, change, motion], -1)
+        motion = torch.stack([before[..., 0] * turn / self.stretch_scale**2, air, speed / self.speed_scale], -2)
+        return torch.cat([before.mT, change.mT, motion], -2).mT
 
     def energies(
         self, inputs: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]
