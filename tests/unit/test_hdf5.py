@@ -69,7 +69,18 @@ def test_every_dataset_of_the_table_states_its_unit(path: Path) -> None:
     with h5py.File(path) as file:
         for field in schema.FIELDS:
             assert file[field.name].attrs["units"] == field.unit != ""
-        assert file["positions"].chunks is None  # contiguous: a window is one read
+        assert file["positions"].chunks is None  # contiguous: windows are mapped
+
+
+def test_windows_of_several_sequences_are_read_at_once(path: Path) -> None:
+    """Frame by frame, window by window, what the sequences hold; the same after closing and in a copy."""
+    file = TrajectoryFile(path)
+    numbers, starts = np.array([0, 2, 2, 3]), np.array([1, 0, 2, 2])
+    expected = np.stack([sequences()[n].positions[s : s + 3] for n, s in zip(numbers, starts, strict=True)], 1)
+    np.testing.assert_array_equal(file.windows(numbers, starts, 3), expected)
+    assert len(pickle.dumps(file)) < 10_000  # the map does not travel
+    file.close()
+    np.testing.assert_array_equal(file.windows(numbers, starts, 3), expected)
 
 
 def test_a_copy_in_another_process_opens_the_file_itself(path: Path) -> None:
@@ -101,6 +112,12 @@ def _set(name: str, index: object, value: object) -> Callable[[h5py.File], None]
     return change
 
 
+def _chunked(file: h5py.File) -> None:
+    values, attributes = file["positions"][:], dict(file["positions"].attrs)
+    del file["positions"]
+    file.create_dataset("positions", data=values, chunks=True, compression="gzip").attrs.update(attributes)
+
+
 def _replace(name: str, array: np.ndarray) -> Callable[[h5py.File], None]:
     def change(file: h5py.File) -> None:
         attributes = dict(file[name].attrs)
@@ -114,6 +131,7 @@ def _replace(name: str, array: np.ndarray) -> Callable[[h5py.File], None]:
 FAULTS = {
     "nan": (_set("positions", (2, 1, 5), np.nan), "positions: sequence 2, frame 1: .*not finite; expected positions"),
     "infinite": (_set("positions", (0, 0, 0), np.inf), "positions: sequence 0, frame 0: .*not finite"),
+    "chunks": (_chunked, "positions: found chunks or compression; expected numbers that lie in the file as they are"),
     "fabric": (_set("fabric", 1, 7), r"fabric: entry 1: found 7; expected 0..1 \(silk, denim\)"),
     "split": (_set("split", 0, 2), r"split: entry 0: found 2; expected 0..1 \(train, test\)"),
     "pin": (_set("mesh/pinned", 1, 16), "mesh/pinned: entry 1: found 16; expected 0..15"),

@@ -92,8 +92,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         """The windows of the given numbers, counted through ``sequences``, as one batch."""
         which, starts = np.divmod(indices, self.windows_per_sequence)
         numbers = sequences[which]
-        frames = [self.file.positions(int(n), int(s), int(s) + 3) for n, s in zip(numbers, starts, strict=True)]
-        x_prev, x, x_next = torch.from_numpy(np.concatenate(frames, axis=1)).double()
+        x_prev, x, x_next = torch.from_numpy(self.file.windows(numbers, starts, 3)).double().flatten(1, 2)
         fabric = torch.from_numpy(self._fabric_of_sequence[numbers])
         vertices = self.file.mesh.num_vertices
         return Window(

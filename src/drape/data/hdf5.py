@@ -16,7 +16,7 @@ from drape.scene.mesh import ClothMesh
 
 
 class TrajectoryFile:
-    """A data set opened for reading. Only what is asked for is read; positions are never kept.
+    """A data set opened for reading. Only what is asked for is read; positions are mapped from the file, never kept.
 
     The file is checked in full (once, one sequence at a time) when the object is made. The object can be pickled and
     used after a fork: every process opens the file for itself.
@@ -32,13 +32,16 @@ class TrajectoryFile:
         schema.check_file(self._file(), self.path)
 
     def __getstate__(self) -> dict:
-        return {**self.__dict__, "_handle": None, "_process": -1}
+        state = {**self.__dict__, "_handle": None, "_process": -1}
+        state.pop("_positions", None)
+        return state
 
     def close(self) -> None:
         """Close the file; the next access opens it again."""
         if self._handle is not None and self._process == os.getpid():
             self._handle.close()
         self._handle = None
+        self.__dict__.pop("_positions", None)
 
     def _file(self) -> h5py.File:
         if self._handle is None or self._process != os.getpid():
@@ -114,7 +117,18 @@ class TrajectoryFile:
                 f"{self.path}: positions: asked for sequence {sequence}, frames {start} to {stop}; expected a sequence "
                 f"in 0..{self.num_sequences - 1} and frames in 0..{self.num_frames}"
             )
-        return self._file()["positions"][sequence, start:stop]
+        return self._positions[sequence, start:stop].copy()  # what is returned stays when the file is closed
+
+    def windows(
+        self, sequences: Int[np.ndarray, " windows"], starts: Int[np.ndarray, " windows"], length: int
+    ) -> Float[np.ndarray, "length windows vertices 3"]:
+        """Positions [m] of ``length`` frames from ``starts`` on, each window from a sequence of its own."""
+        return self._positions[sequences, starts + np.arange(length)[:, None]]
+
+    @cached_property
+    def _positions(self) -> Float[np.ndarray, "sequences frames vertices 3"]:
+        dataset = self._file()["positions"]
+        return np.asarray(np.memmap(self.path, dataset.dtype, "r", dataset.id.get_offset(), dataset.shape))
 
 
 def open_hdf5(path: Path, command: str) -> h5py.File:

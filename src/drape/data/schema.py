@@ -152,6 +152,11 @@ def _check_indices(file: h5py.File, path: Path, vertices: int) -> None:
 
 
 def _check_positions(positions: h5py.Dataset, path: Path) -> None:
+    if positions.id.get_offset() is None:
+        raise DrapeError(
+            f"{path}: positions: found chunks or compression; expected numbers that lie in the file as they are, since "
+            f"training maps them; repack them: h5repack -f positions:NONE -l positions:CONTI {path} repacked.h5"
+        )
     for sequence in range(positions.shape[0]):
         finite = np.isfinite(positions[sequence]).all(axis=(1, 2))
         if not finite.all():
