@@ -74,7 +74,7 @@ class Minimiser:
             found, tried = self._search(x, best, direction, step, iterations - used)
             used, since = used + tried, since + 1
             if found is None:
-                if fresh and not pairs:
+                if fresh and not pairs and used < iterations:
                     return x, best, Outcome.PRECISION, used, residual
                 since, before = REFRESH, 0.0
                 continue
