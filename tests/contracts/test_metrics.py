@@ -39,6 +39,9 @@ class Drag(DissipationUnits):
         potential = 1e-3 * (1.0 + attributes[:, 0]) * inputs.square().sum(-1)
         return potential, 2.0 * potential
 
+    def drag(self, speed, attributes):
+        return 0.0 * speed
+
 
 class Alternating:
     """Stands for the contrastive loss: the sign of the rise is that of the inertial force, nothing is drawn."""

@@ -84,12 +84,10 @@ class Bending(EnergyTerm):
 
 
 def _slope(bend: _Bend, factor: Float[Tensor, " hinges"]) -> Float[Tensor, "12 hinges"]:
-    """``factor ∂(l Δθ)/∂x``: the far corners move θ by ``-n/h``, n being the unit normals and h the heights."""
+    """``factor ∂(l Δθ)/∂x``."""
     shape = bend.shape
-    square = shape.length.square()
-    tilt1, tilt2 = factor / shape.double_area1.square(), factor / shape.double_area2.square()
-    third, fourth = -(square * tilt1) * shape.normal1, -(square * tilt2) * shape.normal2
     stretch = (factor * bend.angle / shape.length) * shape.edge
-    foot1, foot2 = dot(shape.arm1, shape.edge) * tilt1, dot(shape.arm2, shape.edge) * tilt2
-    end = foot1 * shape.normal1 + foot2 * shape.normal2 + stretch
-    return torch.cat([-(end + third + fourth), end, third, fourth])
+    slopes = shape.angle_slopes(factor * shape.length)
+    slopes[0:3] -= stretch
+    slopes[3:6] += stretch
+    return slopes

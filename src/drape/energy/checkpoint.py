@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 
 from drape import __version__
 from drape.config import instantiate
+from drape.data.whole_file import whole_file
 from drape.data.windows import Window
 from drape.energy.eunet import EUNet
 from drape.energy.step_energies import StepEnergies
@@ -70,6 +71,18 @@ def load_energy(path: str | Path) -> EUNet:
     energy.eval().requires_grad_(False)
     _check_example(energy, content["drape"]["example"], path)
     return energy
+
+
+def write_shareable(path: str | Path, target: str | Path) -> None:
+    """Write a checkpoint with all that :func:`load_energy` needs and nothing of the machine that trained it.
+
+    Optimizer states are left out, and of the configuration what names folders (callbacks, loggers).
+    """
+    content = read_checkpoint(path)
+    described = dict(content["drape"])
+    described["config"] = {k: v for k, v in described["config"].items() if k not in ("callbacks", "logger", "trainer")}
+    with whole_file(Path(target)) as temporary:
+        torch.save({"state_dict": content["state_dict"], "drape": described}, temporary)
 
 
 def read_checkpoint(path: str | Path) -> dict[str, Any]:

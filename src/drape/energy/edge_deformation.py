@@ -10,7 +10,6 @@ from jaxtyping import Float
 from scipy import sparse
 from torch import Tensor
 
-from drape.energy.hessian import from_stencils
 from drape.scene.corners import cross, dot
 from drape.scene.geometry import TINY
 from drape.scene.mesh_batch import MeshBatch
@@ -157,16 +156,19 @@ class EdgeDeformation:
             angles.append(rows(on_i, on_j) @ normals + rows(-turn, turn))
         return (stretch, *angles)
 
-    def string_hessian(self, tension: Float[Tensor, " edges"]) -> sparse.csr_array:
-        """``Σ tension (I - y yᵀ)`` on the difference of the ends: what resists the turning of taut edges.
+    def spring_blocks(
+        self, stiffness: Float[Tensor, " edges"], tension: Float[Tensor, " edges"]
+    ) -> Float[Tensor, "edges 2 3 2 3"]:
+        """``stiffness y yᵀ + tension (I - y yᵀ)`` on the difference of the ends: springs, and what turns taut edges.
 
-        ``tension`` is the force along each edge over its length [N/m].
+        ``tension`` is the force along an edge over its length [N/m].
         """
         y = self.direction.T
-        block = tension[:, None, None] * (torch.eye(3, dtype=y.dtype, device=y.device) - y[:, :, None] * y[:, None, :])
+        along = y[:, :, None] * y[:, None, :]
+        block = (stiffness - tension)[:, None, None] * along
+        block = block + tension[:, None, None] * torch.eye(3, dtype=y.dtype, device=y.device)
         signs = torch.tensor([[1.0, -1.0], [-1.0, 1.0]], dtype=y.dtype, device=y.device)
-        blocks = signs[:, None, :, None] * block[:, None, :, None, :]
-        return from_stencils(self.mesh.edges, blocks, self.num_vertices)
+        return signs[:, None, :, None] * block[:, None, :, None, :]
 
     def _normal_jacobian(self) -> sparse.csr_array:
         """∂n/∂x, ``3 vertices`` x ``3 vertices``."""

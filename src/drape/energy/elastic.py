@@ -10,10 +10,15 @@ from torch import Tensor
 from drape.energy.edge_deformation import EdgeDeformation
 from drape.energy.edge_law import EdgeLaw, Slopes
 from drape.energy.edge_scale import EdgeScale
-from drape.energy.hessian import from_jacobian
+from drape.energy.hessian import from_jacobian, from_stencils
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm
+from drape.energy.term import EnergyTerm, Stencils
+from drape.scene.geometry import TINY
 from drape.scene.mesh_batch import MeshBatch
+from drape.scene.rest_shape import HingeShape
+
+HINGE = 0.5
+"""Stiffness of the hinges that stand for the angles of the edges around them."""
 
 
 class ElasticEnergy(EnergyTerm):
@@ -58,7 +63,28 @@ class ElasticEnergy(EnergyTerm):
         """``Jᵀ H₊ J + max(∂φp/∂Δl, 0)/l (I - y yᵀ)``, J = ∂q/∂x, H₊ the positive part of ∂²φp/∂q²."""
         deformation, slopes, scale, _ = self._slopes(x_next, step, hessian=True)
         tension = (scale * slopes.gradient[:, 0] / deformation.length).clamp(min=0.0)
-        return from_jacobian(deformation.jacobian(), slopes.hessian) + deformation.string_hessian(tension)
+        string = deformation.spring_blocks(torch.zeros_like(tension), tension)
+        turning = from_stencils(step.mesh.edges, string, len(x_next))
+        return from_jacobian(deformation.jacobian(), slopes.hessian) + turning
+
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
+        """A rough Hessian of edges and hinges: a quarter of the entries of :meth:`hessian`.
+
+        α and β go through vertex normals and couple all neighbours of both ends. For waves much longer than an edge
+        they cost what a hinge of ``HINGE (φ_αα + φ_ββ)`` costs; for shorter ones less.
+        """
+        deformation, slopes, scale, _ = self._slopes(x_next, step, hessian=True)
+        stiffness = slopes.hessian.diagonal(dim1=1, dim2=2).clamp(min=0.0)
+        tension = (scale * slopes.gradient[:, 0] / deformation.length).clamp(min=0.0)
+        pieces = [Stencils(step.mesh.edges, deformation.spring_blocks(stiffness[:, 0], tension))]
+        if self.law.bends:
+            corners = step.mesh.rest_hinges.corners
+            shape = HingeShape(corners.gather(x_next.detach()), TINY * float(step.mesh.length_scale))
+            bending = HINGE * stiffness[~step.mesh.boundary, 1:].sum(1)
+            row = shape.angle_slopes(bending.sqrt())
+            blocks = (row[:, None] * row).view(4, 3, 4, 3, -1).permute(4, 0, 1, 2, 3)
+            pieces.append(Stencils(corners.vertices, blocks))
+        return pieces
 
     def _slopes(
         self, x_next: Tensor, step: Step, *, hessian: bool

@@ -2,11 +2,37 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 from jaxtyping import Float, Int
 from scipy import sparse
 from torch import Tensor
+from torch.utils.weak import WeakTensorKeyDictionary
+
+
+class _Pattern(NamedTuple):
+    """Where the entries of the blocks of some stencils stand in the data of a sparse matrix."""
+
+    place: Int[Tensor, " entries"]
+    indices: np.ndarray
+    indptr: np.ndarray
+
+    @classmethod
+    def of(cls, vertices: Int[Tensor, "stencils corners"], num_vertices: int) -> _Pattern:
+        slots = 3 * vertices.cpu().T[:, None] + torch.arange(3)[:, None]
+        shape = (*slots.shape[:2], *slots.shape)
+        size = 3 * num_vertices
+        keys = (slots[:, :, None, None] * size + slots).expand(shape).reshape(-1)
+        found, place = torch.unique(keys, return_inverse=True)
+        counts = torch.bincount(found // size, minlength=size)
+        indptr = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
+        return cls(place, (found % size).int().numpy(), indptr.int().numpy())
+
+
+_patterns: WeakTensorKeyDictionary = WeakTensorKeyDictionary()
+"""Found once for each tensor of vertices, as long as it lives: finding it costs several times what filling it does."""
 
 
 def from_stencils(
@@ -15,12 +41,12 @@ def from_stencils(
     num_vertices: int,
 ) -> sparse.csr_array:
     """The sum of ``blocks`` on the coordinates of their ``vertices``, ``3 num_vertices`` square."""
-    slots = 3 * vertices.cpu().numpy()[:, :, None] + np.arange(3)
-    rows = np.broadcast_to(slots[:, :, :, None, None], blocks.shape)
-    columns = np.broadcast_to(slots[:, None, None], blocks.shape)
-    entries = blocks.detach().double().cpu().numpy().reshape(-1)
-    size = 3 * num_vertices
-    return sparse.coo_array((entries, (rows.reshape(-1), columns.reshape(-1))), (size, size)).tocsr()
+    if vertices not in _patterns:
+        _patterns[vertices] = _Pattern.of(vertices, num_vertices)
+    pattern, size = _patterns[vertices], 3 * num_vertices
+    entries = blocks.detach().double().cpu().permute(1, 2, 3, 4, 0).reshape(-1)
+    data = entries.new_zeros(len(pattern.indices)).scatter_add_(0, pattern.place, entries)
+    return sparse.csr_array((data.numpy(), pattern.indices, pattern.indptr), (size, size))
 
 
 def from_jacobian(

@@ -93,7 +93,8 @@ class IncrementalPotential(nn.Module):
             total += gradient
         return Evaluation(sum(energies.values()), total, energies)
 
-    def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array:
-        """A positive definite approximation of the Hessian, ``3 vertices`` square."""
+    def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step, *, rough: bool = False) -> sparse.csr_array:
+        """A positive definite approximation of the Hessian, ``3 vertices`` square; ``rough``: sparser where possible."""
         size = 3 * len(x_next)
-        return sum((term.hessian(x_next, step) for term in self.terms), sparse.csr_array((size, size)))
+        parts = (term.rough_hessian(x_next, step) if rough else term.hessian(x_next, step) for term in self.terms)
+        return sum(parts, sparse.csr_array((size, size)))

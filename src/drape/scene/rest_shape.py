@@ -92,6 +92,16 @@ class HingeShape:
         # e · (n1 x n2) with n2 = arm2 x e and n1 orthogonal to e
         self.sine = -dot(self.normal1, self.arm2) * self.length / both
 
+    def angle_slopes(self, factor: Float[Tensor, " hinges"]) -> Float[Tensor, "12 hinges"]:
+        """``factor ∂θ/∂x``: the far corners move θ by ``-n/h``, n being the unit normals and h the heights."""
+        tilt1 = factor / (self.length * self.double_area1.square())
+        tilt2 = factor / (self.length * self.double_area2.square())
+        square = self.length.square()
+        third, fourth = -(square * tilt1) * self.normal1, -(square * tilt2) * self.normal2
+        foot1, foot2 = dot(self.arm1, self.edge) * tilt1, dot(self.arm2, self.edge) * tilt2
+        end = foot1 * self.normal1 + foot2 * self.normal2
+        return torch.cat([-(end + third + fourth), end, third, fourth])
+
 
 def _size(vectors: Float[Tensor, "3 pieces"], smallest: Tensor | float) -> Float[Tensor, " pieces"]:
     return (dot(vectors, vectors) + smallest**2).sqrt()

@@ -16,10 +16,13 @@ from drape.simulators.simulator import Outcome
 
 MEMORY = 8
 """Pairs of positions and gradients that correct the metric between two factorisations (L-BFGS)."""
-REFRESH = 3
-"""Iterations after which the Hessian is factorised anew, unless they have brought the residual down to ``SLOW``."""
+REFRESH = (3, 400)
+"""Iterations after which the Hessian is factorised anew, unless they have brought the residual down to ``SLOW``: at
+least so many, and one more for so many vertices, since factors cost more than evaluations where meshes are large."""
+PATIENCE = 60
+"""Evaluations in a step after which the rough Hessian is given up for the good one, from then on."""
 SLOW = 0.1
-"""Share of the residual that ``REFRESH`` iterations leave where the factors are good enough."""
+"""Share of the residual that they leave where the factors are good enough."""
 SHRINK = (0.1, 0.5)
 """Bounds of the factor by which the line search shortens a step; between them a parabola decides."""
 SUFFICIENT = 1e-4
@@ -31,8 +34,9 @@ class Minimiser:
 
     Each direction is that of Newton's method with the last factorised positive definite Hessian, corrected by the
     L-BFGS two-loop recursion (Liu, Bouaziz and Kavan 2017, with the whole Hessian in the place of a fixed Laplacian).
-    The factorisation is kept over iterations and frames, and renewed where ``REFRESH`` iterations bring too little, as
-    when contacts come and go. The energy never rises, up to its own rounding.
+    The factorisation is kept over iterations and frames, and renewed where iterations bring too little, as
+    when contacts come and go. The Hessian is the rough one, sparser and cheaper to factorise, until a step takes more
+    than ``PATIENCE`` evaluations. The energy never rises, up to its own rounding.
     """
 
     def __init__(self, potential: IncrementalPotential, free: Bool[Tensor, " vertices"]):
@@ -41,6 +45,8 @@ class Minimiser:
         self._slots = np.flatnonzero(np.repeat(free.cpu().numpy(), 3))
         self._factors: Factorisation | None = None
         self._dt = 0.0
+        self._rough = True
+        self._refresh = max(REFRESH[0], len(free) // REFRESH[1])
         self.factorisations = 0
 
     def minimise(
@@ -64,7 +70,9 @@ class Minimiser:
                 return x, best, Outcome.CONVERGED, used, residual
             if used >= iterations:
                 return x, best, Outcome.ITERATIONS, used, residual
-            if since >= REFRESH:
+            if self._rough and used > PATIENCE:
+                self._rough, since, before = False, self._refresh, 0.0
+            if since >= self._refresh:
                 if residual > SLOW * before:
                     self._factorise(x, step)
                     pairs.clear()
@@ -76,7 +84,7 @@ class Minimiser:
             if found is None:
                 if fresh and not pairs and used < iterations:
                     return x, best, Outcome.PRECISION, used, residual
-                since, before = REFRESH, 0.0
+                since, before = self._refresh, 0.0
                 continue
             moved, evaluation = found
             self._remember(pairs, moved - x, evaluation.gradient - best.gradient)
@@ -100,7 +108,7 @@ class Minimiser:
         return float(free.norm(dim=-1).mean()) if len(free) else 0.0
 
     def _factorise(self, x: Tensor, step: Step) -> None:
-        matrix = self.potential.hessian(x, step)[self._slots][:, self._slots]
+        matrix = self.potential.hessian(x, step, rough=self._rough)[self._slots][:, self._slots]
         if self._factors is not None:
             self._factors.close()
         self._factors = Factorisation(matrix)
