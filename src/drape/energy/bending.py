@@ -11,7 +11,6 @@ from torch import Tensor
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.errors import DrapeError
-from drape.scene.corners import dot
 from drape.scene.geometry import TINY
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.rest_shape import HingeShape

@@ -94,7 +94,7 @@ class IncrementalPotential(nn.Module):
         return Evaluation(sum(energies.values()), total, energies)
 
     def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step, *, rough: bool = False) -> sparse.csr_array:
-        """A positive definite approximation of the Hessian, ``3 vertices`` square; ``rough``: sparser where possible."""
+        """A positive definite approximation of the Hessian, ``3 vertices`` square; ``rough``: sparser if possible."""
         size = 3 * len(x_next)
         parts = (term.rough_hessian(x_next, step) if rough else term.hessian(x_next, step) for term in self.terms)
         return sum(parts, sparse.csr_array((size, size)))
