@@ -60,9 +60,12 @@ class ElasticEnergy(EnergyTerm):
         return energy, deformation.pull(_gradient(deformation.q, slopes, scale, turns))
 
     def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array:
-        """``Jᵀ H₊ J + max(∂φp/∂Δl, 0)/l (I - y yᵀ)``, J = ∂q/∂x, H₊ the positive part of ∂²φp/∂q²."""
+        """``Jᵀ H₊ J + |∂φp/∂Δl|/l (I - y yᵀ)``, J = ∂q/∂x, H₊ the positive part of ∂²φp/∂q².
+
+        Compressed edges are about to turn away; their curvature counts by its size, not as none: a solver would leap.
+        """
         deformation, slopes, scale, _ = self._slopes(x_next, step, hessian=True)
-        tension = (scale * slopes.gradient[:, 0] / deformation.length).clamp(min=0.0)
+        tension = (scale * slopes.gradient[:, 0] / deformation.length).abs()
         string = deformation.spring_blocks(torch.zeros_like(tension), tension)
         turning = from_stencils(step.mesh.edges, string, len(x_next))
         return from_jacobian(deformation.jacobian(), slopes.hessian) + turning
@@ -75,7 +78,7 @@ class ElasticEnergy(EnergyTerm):
         """
         deformation, slopes, scale, _ = self._slopes(x_next, step, hessian=True)
         stiffness = slopes.hessian.diagonal(dim1=1, dim2=2).clamp(min=0.0)
-        tension = (scale * slopes.gradient[:, 0] / deformation.length).clamp(min=0.0)
+        tension = (scale * slopes.gradient[:, 0] / deformation.length).abs()
         pieces = [Stencils(step.mesh.edges, deformation.spring_blocks(stiffness[:, 0], tension))]
         if self.law.bends:
             corners = step.mesh.rest_hinges.corners

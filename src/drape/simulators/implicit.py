@@ -54,7 +54,7 @@ class ImplicitSolver:
         scene: Scene,
         attributes: Float[Tensor, " attributes"],
         tolerance: float | None = None,
-        iterations: int = 100,
+        iterations: int = 200,
         substeps: int = 1,
         precision: str = "float64",
         device: str = "cpu",
