@@ -69,4 +69,5 @@ def _pardiso(matrix: sparse.csr_array) -> tuple[Solve, Close] | None:
     except PyPardisoError:
         solver.free_memory(everything=True)
         return None
+    solver._is_already_factorized = lambda _: True  # it would compare all entries in each solve
     return lambda b: solver.solve(upper, b), lambda: solver.free_memory(everything=True)

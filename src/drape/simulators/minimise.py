@@ -16,13 +16,12 @@ from drape.simulators.simulator import Outcome
 
 MEMORY = 8
 """Pairs of positions and gradients that correct the metric between two factorisations (L-BFGS)."""
-REFRESH = (3, 400)
-"""Iterations after which the Hessian is factorised anew, unless they have brought the residual down to ``SLOW``: at
-least so many, and one more for so many vertices, since factors cost more than evaluations where meshes are large."""
-PATIENCE = 60
-"""Evaluations in a step after which the rough Hessian is given up for the good one, from then on."""
+REFRESH = 4
+"""Iterations after which the Hessian is factorised anew, unless they have brought the residual down to ``SLOW``."""
 SLOW = 0.1
 """Share of the residual that they leave where the factors are good enough."""
+PATIENCE = 60
+"""Evaluations in a step after which the rough Hessian is given up for the good one, from then on."""
 SHRINK = (0.1, 0.5)
 """Bounds of the factor by which the line search shortens a step; between them a parabola decides."""
 SUFFICIENT = 1e-4
@@ -34,9 +33,9 @@ class Minimiser:
 
     Each direction is that of Newton's method with the last factorised positive definite Hessian, corrected by the
     L-BFGS two-loop recursion (Liu, Bouaziz and Kavan 2017, with the whole Hessian in the place of a fixed Laplacian).
-    The factorisation is kept over iterations and frames, and renewed where iterations bring too little, as
-    when contacts come and go. The Hessian is the rough one, sparser and cheaper to factorise, until a step takes more
-    than ``PATIENCE`` evaluations. The energy never rises, up to its own rounding.
+    The factorisation is kept over iterations and frames, and renewed where iterations bring too little, as when
+    contacts come and go. The Hessian is the rough one, sparser and cheaper to factorise, until a step takes more than
+    ``PATIENCE`` evaluations. The energy never rises, up to its own rounding.
     """
 
     def __init__(self, potential: IncrementalPotential, free: Bool[Tensor, " vertices"]):
@@ -46,7 +45,6 @@ class Minimiser:
         self._factors: Factorisation | None = None
         self._dt = 0.0
         self._rough = True
-        self._refresh = max(REFRESH[0], len(free) // REFRESH[1])
         self.factorisations = 0
 
     def minimise(
@@ -61,9 +59,9 @@ class Minimiser:
         if best is None:
             return starts[0], self.potential.evaluate(starts[0], step), Outcome.NOT_FINITE, used, float("nan")
         pairs: deque[tuple[Tensor, Tensor]] = deque(maxlen=MEMORY)
-        if step.dt != self._dt:
+        fresh, since, before = step.dt != self._dt, 0, float("inf")
+        if fresh:
             self._factorise(x, step)
-        fresh, since, before = self._dt_is_new(step), 0, float("inf")
         while True:
             residual = self.residual(best.gradient)
             if residual <= tolerance:
@@ -71,8 +69,8 @@ class Minimiser:
             if used >= iterations:
                 return x, best, Outcome.ITERATIONS, used, residual
             if self._rough and used > PATIENCE:
-                self._rough, since, before = False, self._refresh, 0.0
-            if since >= self._refresh:
+                self._rough, since, before = False, REFRESH, 0.0
+            if since >= REFRESH:
                 if residual > SLOW * before:
                     self._factorise(x, step)
                     pairs.clear()
@@ -84,16 +82,11 @@ class Minimiser:
             if found is None:
                 if fresh and not pairs and used < iterations:
                     return x, best, Outcome.PRECISION, used, residual
-                since, before = self._refresh, 0.0
+                since, before = REFRESH, 0.0
                 continue
             moved, evaluation = found
             self._remember(pairs, moved - x, evaluation.gradient - best.gradient)
             x, best = moved, evaluation
-
-    def _dt_is_new(self, step: Step) -> bool:
-        new = step.dt != self._dt
-        self._dt = step.dt
-        return new
 
     def _best(self, starts: list[Tensor], step: Step) -> tuple[Tensor, Evaluation | None]:
         finite = [(x, e) for x in starts if np.isfinite((e := self.potential.evaluate(x, step)).energy)]
@@ -111,7 +104,7 @@ class Minimiser:
         matrix = self.potential.hessian(x, step, rough=self._rough)[self._slots][:, self._slots]
         if self._factors is not None:
             self._factors.close()
-        self._factors = Factorisation(matrix)
+        self._factors, self._dt = Factorisation(matrix), step.dt
         self.factorisations += 1
 
     def _solve(self, gradient: Tensor) -> Tensor:
