@@ -11,10 +11,15 @@ from torch import Tensor
 
 from drape.energy.bending import Bending
 from drape.energy.contact import Contact
+from drape.energy.dissipation import Dissipation
+from drape.energy.edge_law import NetworkLaw
+from drape.energy.elastic import ElasticEnergy
 from drape.energy.external import ExternalForce
 from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
 from drape.energy.inertia import Inertia
+from drape.energy.mass_spring import MassSpringLaw
+from drape.energy.springs import SpringEnergy
 from drape.energy.step import ObstacleStep, Step
 from drape.energy.stvk import StVK
 from drape.energy.term import EnergyTerm, Stencils
@@ -22,6 +27,7 @@ from drape.scene.grid import square_grid
 from drape.scene.mesh import ClothMesh
 from drape.scene.mesh_batch import MeshBatch
 from tests.conftest import bent
+from tests.energies import make_energy
 
 
 @dataclass(frozen=True)
@@ -47,12 +53,27 @@ def stretched(step: Step, x_next: Tensor) -> Tensor:
     return at_rest(step, x_next) * torch.tensor([1.1, 1.2, 1.0], dtype=x_next.dtype)
 
 
+def law() -> NetworkLaw:
+    """A learned law with random parameters, of a mesh whose edges are half as long again as those of :func:`make_step`."""
+    torch.manual_seed(1)
+    return NetworkLaw(make_energy("stable", "rate"), face_area=0.02, dt=0.05)
+
+
+def springs() -> SpringEnergy:
+    constants = torch.tensor([[300.0, 200.0, 20.0, 2.0, -1.0, 0.5, 0.3]], dtype=torch.float64)
+    return SpringEnergy(MassSpringLaw(constants), 0)
+
+
 TERMS = {
     "inertia": Member(Inertia, exact=anywhere),
     "gravity": Member(Gravity, exact=anywhere),
     "external": Member(ExternalForce, exact=anywhere),
     "stvk": Member(StVK, elastic=True, exact=stretched),
     "bending": Member(Bending, elastic=True, exact=at_rest),
+    "elastic": Member(lambda: ElasticEnergy(law(), transfer=False), elastic=True),
+    "elastic, transferred": Member(lambda: ElasticEnergy(law(), transfer=True), elastic=True),
+    "dissipation": Member(lambda: Dissipation(law())),
+    "springs": Member(springs),
     "contact": Member(lambda: Contact(thickness=0.05), exact=anywhere),
     "friction": Member(lambda: Friction(0.5, Contact(thickness=0.05)), exact=anywhere),
     "friction_sticking": Member(lambda: Friction(0.5, Contact(thickness=0.05), slip_speed=2.0), exact=anywhere),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
@@ -210,3 +211,23 @@ def test_finite_on_degenerate_input(name, dtype, cloth):
             blocks = [stencils.blocks for stencils in term.stencils(end.detach(), one)]
             for value in (energy, fast_energy, slow, fast, *blocks):
                 assert torch.isfinite(value).all(), case
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_both_hessians_are_symmetric_and_positive_semidefinite(name, small_cloth):
+    step, x_next = make_step(small_cloth)
+    term = TERMS[name].make()
+    for matrix in (term.hessian(x_next, step).toarray(), term.rough_hessian(x_next, step).toarray()):
+        assert matrix.shape == (27, 27)
+        np.testing.assert_allclose(matrix, matrix.T, atol=1e-9 * max(abs(matrix).max(), 1.0))
+        assert np.linalg.eigvalsh(matrix).min() >= -1e-9 * max(abs(matrix).max(), 1.0)
+
+
+def test_the_good_hessian_of_a_learned_law_is_near_the_true_one(small_cloth):
+    """At rest nothing is left out: no tension, and the law is convex there."""
+    step, _ = make_step(small_cloth)
+    rest = step.mesh.rest_positions
+    term = TERMS["elastic"].make()
+    true = torch.autograd.functional.hessian(lambda x: term(x, step).sum(), rest).reshape(27, 27).numpy()
+    found = term.hessian(rest, step).toarray()
+    np.testing.assert_allclose(found, true, atol=1e-4 * abs(true).max())

@@ -41,7 +41,7 @@ class Dissipation(EnergyTerm):
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
-        mesh, count = step.mesh, len(x_next)
+        mesh, count, x_next = step.mesh, len(x_next), x_next.detach()
         motion, speed = _motion(x_next, step)
         sides, normal, area = _areas(x_next, step)
         density, slope = self.law.drag_slopes(speed, step.attributes[mesh.mesh_of_edge])

@@ -39,7 +39,8 @@ class EdgeScale:
         angles = q[1:]
         # rounded up, so that nothing is divided by zero: x/tanh(x) is 1 and its slope 0 there
         size = (angles.square().sum(0) + 1e-12).sqrt()
-        x = size / (self.rest * WIDEST)
+        rest = self.rest.to(q.dtype)
+        x = size / (rest * WIDEST)
         cotangent = 1.0 / torch.tanh(x)
         slope = cotangent - x * (cotangent.square() - 1.0)
-        return self.rest * x * cotangent, (slope / WIDEST / size) * angles
+        return rest * x * cotangent, (slope / WIDEST / size) * angles

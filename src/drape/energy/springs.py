@@ -40,8 +40,8 @@ class SpringEnergy(EnergyTerm):
         return vector, (vector.square().sum(-1) + (TINY * step.mesh.length_scale.to(x)) ** 2).sqrt()
 
     def _constants(self, step: Step) -> tuple[Tensor, Tensor, Tensor]:
-        springs, count = self._of(step.mesh), len(GROUPS)
-        return self.constants[:count][springs.group], self.constants[count:-1][springs.group], self.constants[-1]
+        springs, count, constants = self._of(step.mesh), len(GROUPS), self.constants.to(step.x.dtype)
+        return constants[:count][springs.group], constants[count:-1][springs.group], constants[-1]
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         springs = self._of(step.mesh)
