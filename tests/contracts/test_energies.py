@@ -7,11 +7,15 @@ import copy
 import pytest
 import torch
 
+from drape.energy.dissipation_speed import SpeedDissipation
+from drape.energy.edge_law import NetworkLaw
+from drape.energy.eunet import EUNet
 from drape.energy.step_energies import StepEnergies
+from drape.errors import DrapeError
 from drape.scene.geometry import EdgeGeometry
 from drape.scene.mesh import ClothMesh
 from drape.scene.mesh_batch import MeshBatch
-from tests.energies import DEFORMATIONS, ENERGIES, POTENTIALS, make_energy, make_window
+from tests.energies import DEFORMATIONS, ENERGIES, NET, POTENTIALS, make_energy, make_window
 
 family = pytest.mark.parametrize(("potential", "dissipation", "deformation"), ENERGIES)
 
@@ -165,3 +169,18 @@ def test_an_ablated_part_does_not_exist(cloth_batch, monkeypatch):
 
     monkeypatch.setattr(EdgeGeometry, "vertex_normals", property(forbidden))
     assert torch.isfinite(evaluate(bare, make_window(cloth_batch))).all()
+
+
+def test_the_face_of_a_boundary_edge_counts_as_often_as_it_is_told(cloth_batch):
+    window = make_window(cloth_batch)
+    lost = {}
+    for count in (1.0, 2.0):
+        torch.manual_seed(0)
+        units = SpeedDissipation(NET, speed_scale=1.0, energy_scale=0.1, boundary_faces=count).double()
+        before, after = EdgeGeometry(window.x, cloth_batch), EdgeGeometry(window.x_next, cloth_batch)
+        lost[count], _ = units.energies(units.inputs(after, before, window.dt), window.edge_attributes)
+    boundary = cloth_batch.boundary
+    torch.testing.assert_close(lost[2.0][boundary], 2.0 * lost[1.0][boundary])
+    torch.testing.assert_close(lost[2.0][~boundary], lost[1.0][~boundary])
+    with pytest.raises(DrapeError, match="counts the faces of boundary edges twice"):
+        NetworkLaw(EUNet(make_energy("mlp", "none").potential, units), face_area=1.0, dt=1.0)

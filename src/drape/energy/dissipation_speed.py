@@ -27,10 +27,14 @@ class SpeedDissipation(DissipationUnits):
         net: makes the network from its numbers of inputs and outputs; encoder and decoder get no biases.
         speed_scale: standard deviation of the speed in the training data [m/s].
         energy_scale: [J/m²].
+        boundary_faces: how often the face at a boundary edge counts in γ: 1 in the paper, 2 in the official code.
     """
 
-    def __init__(self, net: Callable[..., EnergyNet], speed_scale: float, energy_scale: float):
+    def __init__(
+        self, net: Callable[..., EnergyNet], speed_scale: float, energy_scale: float, boundary_faces: float = 1.0
+    ):
         super().__init__()
+        self.boundary_faces = boundary_faces
         self.net = net(1 + len(ATTRIBUTES), 1, bias=False)
         self.speed_scale = speed_scale
         self.energy_scale = energy_scale
@@ -39,7 +43,10 @@ class SpeedDissipation(DissipationUnits):
         self, geometry: EdgeGeometry, previous: EdgeGeometry, dt: float
     ) -> Float[Tensor, "... edges inputs"]:
         speed = safe_norm((geometry.midpoint - previous.midpoint) / dt, SLOWEST)
-        return torch.stack([speed, geometry.area], -1)
+        area = geometry.area
+        if self.boundary_faces != 1.0:
+            area = torch.where(geometry.mesh.boundary, self.boundary_faces * area, area)
+        return torch.stack([speed, area], -1)
 
     def energies(
         self, inputs: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]

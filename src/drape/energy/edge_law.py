@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from drape.energy.eunet import EUNet
+from drape.errors import DrapeError
 
 
 class Slopes(NamedTuple):
@@ -76,10 +77,18 @@ class NetworkLaw(EdgeLaw):
     Of the dissipation units a step of any length takes the drag of the air. What they learned of rates of deformation
     is not a property of the fabric: seen frame by frame, the tension lags behind, a negative damping of the sampling's
     own making, which a step forward in time must not repeat (its amplification factor for stiff edges exceeds 1).
+
+    Raises:
+        DrapeError: an energy whose areas are not the paper's.
     """
 
     def __init__(self, energy: EUNet, face_area: float, dt: float):
         super().__init__()
+        if energy.dissipates and getattr(energy.units["dissipation"], "boundary_faces", 1.0) != 1.0:
+            raise DrapeError(
+                "energy: its dissipation counts the faces of boundary edges twice, as the official code does; expected "
+                "once, as in the paper: train for animation with model.dissipation.boundary_faces=1"
+            )
         self.energy = energy
         self.face_area = face_area
         self.dt = dt

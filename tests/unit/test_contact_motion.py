@@ -1,0 +1,63 @@
+"""A body in motion never gets into the cloth, however fast; what begins inside comes out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from drape.energy.bending import Bending
+from drape.energy.incremental_potential import IncrementalPotential
+from drape.energy.penetration import inside_fraction, push_out
+from drape.energy.stvk import StVK
+from drape.scene.built_in.sphere import sphere
+from drape.scene.material import Material
+from drape.simulators.implicit import ImplicitSolver
+from drape.simulators.rollout import first_frame
+
+SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
+
+
+def falling(**changes: object):
+    settings = {
+        "size": 0.8, "resolution": 9, "pattern": "alternating", "radius": 0.2, "subdivisions": 2, "gap": 0.01,
+        "sway": [0.2, 0.0, 0.1], "period": 1.0, "friction": 0.3, "material": SILK, "mass": {"areal_density": 0.3},
+        "gravity": [0.0, 0.0, -9.81], "fps": 30.0, "frames": 8,
+    }
+    return sphere(**(settings | changes))
+
+
+@pytest.mark.parametrize("motion", [{}, {"sway": [0.6, 0.0, 0.3], "period": 0.4}], ids=["slow", "20 cm a frame"])
+def test_no_vertex_ends_inside_a_moving_sphere(motion):
+    scene = falling(**motion)
+    potential = IncrementalPotential.for_scene(scene, [StVK(), Bending()])
+    solver = ImplicitSolver(potential, scene, torch.zeros(5, dtype=torch.float64))
+    state, inside = first_frame(scene), []
+    for frame in range(scene.frames):
+        state = solver.step(state, frame).state
+        inside.append(inside_fraction(state.x, scene.obstacle.faces, scene.obstacle.at(frame + 1), 0.2))
+    assert np.isfinite(state.x).all()
+    assert max(inside) <= 0.005
+
+
+def test_the_first_frame_is_moved_out_of_the_body():
+    scene = falling()
+    sunk = replace(scene.initial, x=scene.initial.x - [0.0, 0.0, 0.1], v=scene.initial.v + 1.0)
+    lowered = replace(scene, initial=sunk)
+    body = lowered.obstacle.at(0)
+    assert inside_fraction(lowered.initial.x, lowered.obstacle.faces, body, 0.2) > 0.1
+    start = first_frame(lowered)
+    assert inside_fraction(start.x, lowered.obstacle.faces, body, 0.2) == 0.0
+    moved = (start.x != lowered.initial.x).any(axis=1)
+    assert (start.v[moved] == 0).all()
+    assert (start.v[~moved] == 1).all()
+
+
+def test_pushed_out_to_the_clearance_and_no_further():
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    x = np.array([[0.1, 0.2, -0.05], [0.3, 0.1, 0.02], [0.5, 0.5, -3.0]])
+    moved = push_out(x, faces, corners, clearance=0.002, search_range=1.0)
+    np.testing.assert_allclose(moved, [[0.1, 0.2, 0.002], [0.3, 0.1, 0.02], [0.5, 0.5, -3.0]], atol=1e-12)
