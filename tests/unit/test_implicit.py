@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy import optimize
 
 from drape.energy.bending import Bending
 from drape.energy.incremental_potential import IncrementalPotential
+from drape.energy.mass_spring import MassSpringLaw
+from drape.energy.springs import SpringEnergy
 from drape.energy.stvk import StVK
 from drape.errors import DrapeError
 from drape.scene.grid import square_grid
@@ -184,3 +187,45 @@ def test_without_a_body_nothing_is_searched(monkeypatch):
 def test_settings_that_make_no_sense_are_refused(settings, sentence):
     with pytest.raises(DrapeError, match=sentence):
         solver_of(scene_of(), **settings)
+
+
+def test_a_hanging_spring_stretches_by_weight_over_stiffness():
+    mesh = square_grid(1.0, 2)
+    rest = mesh.rest_positions.astype(np.float64)
+    standing = np.stack([rest[:, 0], np.zeros(4), rest[:, 1]], 1)
+    scene = Scene(
+        "springs", mesh, State.at_rest(standing), SILK, np.full(4, 2.0), GRAVITY, dt=1.0, frames=40,
+        pins=Pins.fixed(np.array([0, 1]), standing[:2]),
+    )
+    stiffness = 500.0
+    constants = torch.tensor([[stiffness, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0]], dtype=torch.float64)
+    potential = IncrementalPotential.for_scene(scene, [SpringEnergy(MassSpringLaw(constants), 0)])
+    solver, state = ImplicitSolver(potential, scene, NO_ATTRIBUTES, tolerance=1e-10), scene.initial
+    for frame in range(scene.frames):
+        state = solver.step(state, frame).state
+    expected = standing - np.array([0, 0, 1.0]) * np.array([0.0, 0.0, 1.0, 1.0])[:, None] * 2.0 * 9.81 / stiffness
+    np.testing.assert_allclose(state.x, expected, atol=1e-8)
+
+
+def test_another_solver_finds_the_same_minimum():
+    scene = scene_of(5)
+    scene = replace(scene, pins=Pins.fixed(np.array([0, 4]), scene.initial.x))
+    solver = solver_of(scene, tolerance=1e-10)
+    found = solver.step(scene.initial, 0)
+    step, potential = solver.steps.step(scene.initial, 0.0, 1.0), solver.potential
+    free = step.free.numpy()
+
+    def at(values: np.ndarray) -> torch.Tensor:
+        x = step.x.clone()
+        x[step.free] = torch.from_numpy(values.reshape(-1, 3))
+        return x
+
+    def energy_and_slope(values: np.ndarray) -> tuple[float, np.ndarray]:
+        there = potential.evaluate(at(values), step)
+        return there.energy, there.gradient.numpy()[free].reshape(-1)
+
+    start = step.x.numpy()[free].reshape(-1)
+    other = optimize.minimize(energy_and_slope, start, jac=True, method="L-BFGS-B", options={"ftol": 0, "gtol": 1e-9})
+    x = at(other.x).numpy() + solver.steps.origin(scene.initial)
+    np.testing.assert_allclose(found.state.x, x, atol=1e-6)
+    assert sum(found.energies.values()) == pytest.approx(other.fun, abs=1e-10)
