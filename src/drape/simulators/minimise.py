@@ -22,6 +22,8 @@ SLOW = 0.1
 """Share of the residual that they leave where the factors are good enough."""
 PATIENCE = 60
 """Evaluations in a step after which the rough Hessian is given up for the good one, from then on."""
+STALLED = 12
+"""Evaluations without a gain beyond rounding, and without half the residual, after which nothing more is expected."""
 SHRINK = (0.1, 0.5)
 """Bounds of the factor by which the line search shortens a step; between them a parabola decides."""
 SUFFICIENT = 1e-4
@@ -62,10 +64,15 @@ class Minimiser:
         fresh, since, before = step.dt != self._dt, 0, float("inf")
         if fresh:
             self._factorise(x, step)
+        gained_at, gained_from = used, float("inf")
         while True:
             residual = self.residual(best.gradient)
             if residual <= tolerance:
                 return x, best, Outcome.CONVERGED, used, residual
+            if residual < 0.5 * gained_from:
+                gained_at, gained_from = used, residual
+            if used - gained_at >= STALLED:
+                return x, best, Outcome.PRECISION, used, residual
             if used >= iterations:
                 return x, best, Outcome.ITERATIONS, used, residual
             if self._rough and used > PATIENCE:
@@ -85,6 +92,8 @@ class Minimiser:
                 since, before = REFRESH, 0.0
                 continue
             moved, evaluation = found
+            if best.energy - evaluation.energy > _rounding(best, x.dtype):
+                gained_at = used
             self._remember(pairs, moved - x, evaluation.gradient - best.gradient)
             x, best = moved, evaluation
 
@@ -136,10 +145,12 @@ class Minimiser:
         slope = float((here.gradient * direction).sum())
         if not slope < 0:
             return None, 0
-        rounding = torch.finfo(x.dtype).eps * sum(abs(e) for e in here.terms.values())
+        rounding = _rounding(here, x.dtype)
         share = 1.0
         for tried in range(1, max(2, min(budget, 40)) + 1):
             moved = x + share * direction
+            if torch.equal(moved, x):
+                return None, tried - 1
             there = self.potential.evaluate(moved, step)
             gained = there.energy - here.energy
             if gained <= SUFFICIENT * share * slope and bool(there.gradient.isfinite().all()):
@@ -151,6 +162,11 @@ class Minimiser:
                     return (moved, there), tried
             share *= _shorter(gained, share * slope)
         return None, tried
+
+
+def _rounding(evaluation: Evaluation, dtype: torch.dtype) -> float:
+    """Differences of the energy that mean nothing [J]."""
+    return torch.finfo(dtype).eps * sum(abs(energy) for energy in evaluation.terms.values())
 
 
 def _shorter(gained: float, predicted: float) -> float:
