@@ -16,8 +16,9 @@ from drape.scene.scene import Scene
 from drape.scene.state import State
 from drape.simulators.simulator import Outcome, Simulator, StepResult
 
-COLUMNS = {"iterations": "1", "residual": "N", "substeps": "1", "converged": "1", "seconds": "s", "inside": "1"}
-"""Stored with each frame; ``inside``: share of the vertices inside the body."""
+COLUMNS = {"iterations": "1", "residual": "N", "substeps": "1", "outcome": "1", "seconds": "s", "inside": "1"}
+"""Stored with each frame; ``outcome``: its place among the :class:`Outcome`, 0 is converged; ``inside``: share of the
+vertices inside the body."""
 CLEARANCE = 2e-3
 """Distance from the body to which the first frame is moved where it is inside [m]."""
 
@@ -63,10 +64,10 @@ def roll_out(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Rol
 
 def _numbers(result: StepResult, seconds: float, scene: Scene, frame: int) -> dict[str, float]:
     numbers = {
-        "iterations": result.iterations,
+        "iterations": float(result.iterations),
         "residual": result.residual,
-        "substeps": result.substeps,
-        "converged": float(result.outcome is Outcome.CONVERGED),
+        "substeps": float(result.substeps),
+        "outcome": float(list(Outcome).index(result.outcome)),
         "seconds": seconds,
     }
     if scene.obstacle is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from drape.scene.state import State
 
@@ -42,6 +42,7 @@ class StepResult:
     substeps: int = 1
 
 
+@runtime_checkable
 class Simulator(Protocol):
     """Turns the scene that it was made for into frames."""
 
