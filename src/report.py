@@ -15,7 +15,7 @@ from drape.report.learned import learned_energies, learned_fabrics
 from drape.report.provenance import describe_setting, missing
 from drape.report.runs import find_runs
 from drape.report.summary import summary
-from drape.report.trade import draw_trade
+from drape.report.training_trade import draw_training_trade
 
 
 @conf.main("report")
@@ -31,7 +31,7 @@ def main(config: DictConfig) -> None:
     output.mkdir(parents=True, exist_ok=True)
     (output / "tables.md").write_text(document(runs, config.ablations, config.seeds))
     of_main = [run for run in runs if all(run.setting[k] == found[0].setting[k] for k in ("data", "material"))]
-    figures = [draw_trade(of_main, output / "trade.png")]
+    figures = [draw_training_trade(of_main, output / "trade_training.png")]
     energies = learned_energies(found)
     if energies:
         fabrics = learned_fabrics(found, config.map_fabrics)

@@ -17,7 +17,7 @@ from drape.report.provenance import missing
 from drape.report.runs import Configuration, configurations, find_runs
 from drape.report.table import Table, number
 from drape.report.tables import arranged, energy_error_table, force_table, orderings, paper
-from drape.report.trade import draw_trade
+from drape.report.training_trade import draw_training_trade
 
 ABLATIONS = ("none", "no_dissipation", "no_contrastive")
 SILK = {"none": 1.0, "no_dissipation": 4.0, "no_contrastive": 1.1}
@@ -211,7 +211,7 @@ def test_figures_are_drawn(tmp_path):
     fabrics = {"silk": torch.tensor([100.0]), "leather": torch.tensor([9000.0])}
     assert _size(draw_energy_map({"spring": spring, "w/o Φd": spring}, fabrics, tmp_path / "map.png")) > 20_000
     narrow = [record("none", 0, width=width, **{"force_residual_N/overall": 9.0 / width}) for width in (16, 32, 64)]
-    assert _size(draw_trade([*RUNS, *narrow], tmp_path / "deep" / "trade.png")) > 20_000
+    assert _size(draw_training_trade([*RUNS, *narrow], tmp_path / "deep" / "trade.png")) > 20_000
 
 
 def _size(path) -> int:

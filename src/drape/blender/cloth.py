@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import bpy
 import numpy as np
@@ -27,20 +27,36 @@ def simulate(
     Blender's cloth is one step; the scene's gravity is ``acceleration * 1000 / fps²`` so that gravity is right in
     metres and seconds. The rest shape is ``rest_positions``. No self-collision, no obstacle.
     """
+    positions = np.empty((len(acceleration) + 1, len(rest_positions), 3), np.float32)
+    for frame, x in enumerate(simulated_frames(rest_positions, faces, pinned, settings, start, acceleration, fps)):
+        positions[frame] = x
+    return positions
+
+
+def simulated_frames(
+    rest_positions: Float[np.ndarray, "vertices 3"],
+    faces: Int[np.ndarray, "faces 3"],
+    pinned: Int[np.ndarray, " pinned"],
+    settings: Mapping[str, float | int | str],
+    start: Float[np.ndarray, "vertices 3"],
+    acceleration: Float[np.ndarray, "steps 3"],
+    fps: float,
+) -> Iterator[Float[np.ndarray, "vertices 3"]]:
+    """The frames of :func:`simulate`, each simulated when it is asked for."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.use_gravity = True
     cloth = _cloth_object(rest_positions, faces, pinned, start)
     modifier = _cloth_modifier(cloth, settings, pinned, frames=len(acceleration) + 1)
     modifier.settings.rest_shape_key = cloth.data.shape_keys.key_blocks["rest"]
-    positions = np.empty((len(acceleration) + 1, len(rest_positions), 3), np.float32)
-    for frame in range(len(positions)):
+    for frame in range(len(acceleration) + 1):
         if frame > 0:
             scene.gravity = acceleration[frame - 1] * CLOCK / fps**2
         scene.frame_set(frame + 1)
         evaluated = cloth.evaluated_get(bpy.context.evaluated_depsgraph_get())
-        evaluated.data.vertices.foreach_get("co", positions[frame].reshape(-1))
-    return positions
+        x = np.empty((len(rest_positions), 3), np.float32)
+        evaluated.data.vertices.foreach_get("co", x.reshape(-1))
+        yield x
 
 
 def _cloth_object(rest: np.ndarray, faces: np.ndarray, pinned: np.ndarray, start: np.ndarray) -> bpy.types.Object:

@@ -51,15 +51,22 @@ def _foreign_nodes(config: DictConfig, contents: str) -> Iterator[str]:
 
 
 def contents_nodes(contents: str) -> set[str]:
-    """The top-level nodes that a contents page can have: its own keys and the groups of its defaults list."""
-    page = yaml.safe_load((CONF / f"{contents}.yaml").read_text(encoding="utf-8"))
+    """The top-level nodes that a contents page can have: its own keys and the groups of its defaults list.
+
+    Options that stand at the top themselves (``@package _global_``) may add theirs.
+    """
+    text = (CONF / f"{contents}.yaml").read_text(encoding="utf-8")
+    page = yaml.safe_load(text) or {}
     nodes = set(page) - {"defaults"}
     for entry in page.get("defaults", []):
         if isinstance(entry, str):
-            nodes |= set() if entry == "_self_" else contents_nodes(entry)
+            nodes |= set() if entry == "_self_" else contents_nodes(entry.strip("/"))
             continue
-        group = next(iter(entry)).split()[-1]
-        nodes.add(group.rpartition("@")[2].strip("/").split("/")[0].split(".")[0])
+        group, _, package = next(iter(entry)).split()[-1].strip("/").partition("@")
+        nodes.add((package or group).split("/")[0].split(".")[0])
+        for option in sorted((CONF / group).glob("*.yaml")) if not package else ():
+            if option.read_text(encoding="utf-8").startswith("# @package _global_"):
+                nodes |= contents_nodes(f"{group}/{option.stem}")
     return nodes
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from drape.data.animation_hdf5 import AnimationFile
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.step import Step
+from drape.metrics.position import distance_travelled, vertex_distance
 from drape.report.table import Table
 from drape.scene.scene import Scene
 from drape.simulators.rollout import Rollout
@@ -55,9 +56,8 @@ def animated(path: Path, scene: Scene, rollout: Rollout, made: Sequence[Path]) -
 
 def _beside(file: AnimationFile, reference: np.ndarray) -> str:
     """Mean distance to the recorded frames, and how far these moved."""
-    frames = range(1, file.num_frames)
-    error = np.mean([np.linalg.norm(file.x(k) - reference[k], axis=-1).mean() for k in frames])
-    travelled = np.linalg.norm(reference[1 : file.num_frames] - reference[0], axis=-1).mean()
+    error = np.mean([vertex_distance(file.x(k), reference[k]) for k in range(1, file.num_frames)])
+    travelled = distance_travelled(reference[: file.num_frames])
     return (
         f"mean distance to the recorded frames {1e3 * error:.1f} mm, {100 * error / travelled:.1f} % of the "
         f"{1e3 * travelled:.0f} mm that the cloth travelled on average"

@@ -1,94 +1,69 @@
-"""The trade between speed and accuracy: errors against the width of the network and the time of training."""
+"""The trade between speed and accuracy of animations: error against time per frame."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from drape.metrics.fabric_metric import OVERALL
-from drape.metrics.record import RunRecord
-from drape.report.runs import Configuration, configurations
-from drape.report.tables import label
-
-ERRORS = {"energy_error_J2": "squared energy error [J²]", "force_residual_N": "force residual [N]"}
-COSTS = {"width": "width of the network", "minutes": "training time [minutes]"}
-STYLES = ("-", "--", ":", "-.")
-BASELINES = {"inertial_force_N": "no internal force", "mass_spring_residual_N": "fitted mass-spring law"}
+CURVE = ("energy", "precision", "resolution")
+"""Columns that make a curve; its points are the budgets of iterations."""
+STYLES = {"float64": "-", "float32": "--"}
+MARKERS = "osv^D"
+"""One for each resolution."""
 
 
-def draw_trade(runs: Sequence[RunRecord], path: Path | str, fabric: str = OVERALL) -> Path:
-    """One PNG: energy error and force residual on the test split against width and against training time.
+def draw_trade(rows: Sequence[Mapping[str, str | float]], path: Path | str) -> Path:
+    """One PNG, a panel for each fabric: error [mm] against time per frame [ms], both logarithmic.
 
-    A point is a configuration, mean over its seeds, bars their range; points of one colour are one way to train, and
-    those of the same number of steps are joined by a line, whose dashes say how many.
+    ``rows`` are those of :class:`drape.benchmark.held_out.HeldOut`. Each curve is an energy in a precision on a mesh,
+    its points are budgets of iterations, written beside them. Dotted: 5 % of the distance that the cloth travelled.
     """
-    found = configurations(runs)
-    names = list(dict.fromkeys(label(configuration) for configuration in found))
-    steps = sorted({int(configuration.setting["steps"]) for configuration in found})
-    styles = {number: STYLES[k % len(STYLES)] for k, number in enumerate(steps)}
-    figure = Figure(figsize=(10, 7.5), layout="constrained")
-    axes = figure.subplots(len(ERRORS), len(COSTS), squeeze=False, sharex="col", sharey="row")
-    for row, (key, error) in zip(axes, ERRORS.items(), strict=True):
-        for axis, cost in zip(row, COSTS, strict=True):
-            for k, name in enumerate(names):
-                of_name = [configuration for configuration in found if label(configuration) == name]
-                _draw_points(axis, of_name, f"{key}/{fabric}", cost, styles, {"color": f"C{k}", "label": name})
-            axis.set_xscale("log")
-            axis.set_yscale("log")
-            axis.grid(alpha=0.3, linewidth=0.4)
-        row[0].set_ylabel(f"{error}, {fabric}")
-    _draw_baselines(list(axes[1]), runs, fabric)
-    for ticks in (axes[0][0].yaxis, axes[1][0].yaxis, axes[1][1].xaxis):
-        ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ticks.set_major_formatter(FormatStrFormatter("%g"))
-        ticks.set_minor_formatter(NullFormatter())
-    widths = sorted({int(run.setting["width"]) for run in runs})
-    axes[1][0].set_xticks(widths, [str(width) for width in widths])
-    axes[1][0].minorticks_off()
-    axes[0][0].legend(
-        handles=[Line2D([], [], color="black", linestyle=s, label=f"{n} steps") for n, s in styles.items()]
-    )
-    for axis, text in zip(axes[-1], COSTS.values(), strict=True):
-        axis.set_xlabel(text)
-    axes[0][1].legend(fontsize=8)
+    fabrics = list(dict.fromkeys(str(row["fabric"]) for row in rows))
+    columns = 2 if len(fabrics) > 1 else 1
+    figure = Figure(figsize=(6.5 * columns, 5 * math.ceil(len(fabrics) / columns) + 0.6), layout="constrained")
+    panels = figure.subplots(math.ceil(len(fabrics) / columns), columns, squeeze=False).reshape(-1)
+    colours = {name: f"C{k}" for k, name in enumerate(dict.fromkeys(row["energy"] for row in rows))}
+    resolutions = sorted({int(row["resolution"]) for row in rows})
+    markers = {resolution: MARKERS[k % len(MARKERS)] for k, resolution in enumerate(resolutions)}
+    for axis, fabric in zip(panels, fabrics, strict=False):
+        _draw_panel(axis, [row for row in rows if row["fabric"] == fabric], colours, markers)
+        axis.set_title(fabric)
+    for axis in panels[len(fabrics) :]:
+        axis.set_visible(False)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=130)
     return path
 
 
-def _cost(configuration: Configuration, cost: str) -> float:
-    if cost == "width":
-        return float(configuration.setting["width"])
-    seconds = [float(run.provenance["seconds"]) for run in configuration.runs]
-    return sum(seconds) / len(seconds) / 60
-
-
-def _draw_points(
-    axis: Axes, found: Sequence[Configuration], key: str, cost: str, styles: Mapping[int, str], look: Mapping[str, str]
-) -> None:
-    for steps, style in styles.items():
-        same = [c for c in found if c.setting["steps"] == steps and c.over_seeds(key) is not None]
-        points = sorted(((_cost(c, cost), c.over_seeds(key)) for c in same), key=lambda point: point[0])
-        if not points:
-            continue
-        x, values = zip(*points, strict=True)
-        y = [value.mean for value in values]
-        bars = [[max(v.mean - v.lowest, 0.0) for v in values], [max(v.highest - v.mean, 0.0) for v in values]]
-        axis.errorbar(x, y, bars, marker="o", markersize=4, linewidth=1, linestyle=style, capsize=2, **look)
-        look = {**look, "label": "_nolegend_"}
-
-
-def _draw_baselines(row: Sequence[Axes], runs: Sequence[RunRecord], fabric: str) -> None:
-    for style, (key, name) in zip(("--", ":"), BASELINES.items(), strict=True):
-        values = [run.metrics[f"{key}/{fabric}"] for run in runs if f"{key}/{fabric}" in run.metrics]
-        for axis in row:
-            if values:
-                axis.axhline(sum(values) / len(values), color="black", linestyle=style, linewidth=0.8, label=name)
-    if row[1].get_legend_handles_labels()[0]:
-        row[1].legend(fontsize=7)
+def _draw_panel(axis: Axes, rows: Sequence[Mapping], colours: Mapping, markers: Mapping) -> None:
+    for curve in dict.fromkeys(tuple(row[name] for name in CURVE) for row in rows):
+        energy, precision, resolution = curve
+        points = sorted((row for row in rows if tuple(row[n] for n in CURVE) == curve), key=lambda r: r["iterations"])
+        axis.plot(
+            [row["ms_per_frame"] for row in points],
+            [row["error_mm"] for row in points],
+            color=colours[energy],
+            linestyle=STYLES.get(precision, ":"),
+            marker=markers[resolution],
+            markersize=4,
+            linewidth=1,
+            label=f"{energy}, {precision}, {resolution} x {resolution} vertices",
+        )
+        for row in points:
+            place = (row["ms_per_frame"], row["error_mm"])
+            axis.annotate(f"{row['iterations']}", place, (3, 3), textcoords="offset points", fontsize=6)
+    axis.axhline(0.05 * rows[0]["travelled_mm"], color="black", linestyle=":", linewidth=0.8)
+    axis.set(xscale="log", yscale="log", xlabel="time per frame [ms]", ylabel="mean vertex error [mm]")
+    axis.grid(alpha=0.3, linewidth=0.4)
+    for ticks in (axis.xaxis, axis.yaxis):
+        ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ticks.set_major_formatter(FormatStrFormatter("%g"))
+        ticks.set_minor_formatter(NullFormatter())

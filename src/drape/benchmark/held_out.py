@@ -1,0 +1,155 @@
+"""How far animations are from recorded ones, and what they cost: accuracy and the trade between it and time."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from omegaconf import DictConfig
+from tqdm import tqdm
+
+from drape.benchmark.composed import Composed
+from drape.benchmark.measured import Circumstances, Measured, Row
+from drape.data.held_out import held_out
+from drape.errors import DrapeError
+from drape.metrics.position import distance_travelled, vertex_distance
+from drape.report.trade import draw_trade
+from drape.scene.scene import Scene
+from drape.scene.square_resampling import SquareResampling, resampled
+from drape.simulators.simulator import Outcome, Simulator
+
+
+class Variant(NamedTuple):
+    """One way to animate a sequence."""
+
+    energy: str
+    precision: str
+    iterations: int
+    """At most, per step."""
+    resolution: int
+    """Vertices along a side of the square."""
+
+
+class Animated(NamedTuple):
+    """One sequence, animated."""
+
+    error: float
+    """Mean distance of a vertex to the recorded one, where the recording has its vertices [m]."""
+    travelled: float
+    """Mean distance of a recorded vertex to where it started [m]."""
+    seconds: float
+    """Per frame, mean."""
+    evaluations: float
+    """Of the potential with its forces, per frame, mean."""
+    residual: float
+    """Unbalanced force per free vertex as a share of the weight, mean."""
+    converged: float
+    """Share of the frames."""
+
+
+class HeldOut:
+    """Test sequences of each of the config's fabrics, animated by each variant from their first two frames.
+
+    Args:
+        path: data file.
+        sequences: of each fabric, the first of the test split.
+        frames: to simulate.
+        variants: named sets of values for the fields of :class:`Variant`; of each set all combinations.
+
+    Raises:
+        DrapeError: no sequences, or a set that lacks a field or has another one.
+    """
+
+    def __init__(self, path: str, sequences: int, frames: int, variants: Mapping[str, Mapping[str, Sequence]]):
+        if sequences < 1:
+            raise DrapeError(f"measure.sequences: found {sequences}; expected a whole number from 1 on")
+        self.path = path
+        self.sequences = sequences
+        self.frames = frames
+        found = (v for name, values in variants.items() for v in combinations(name, values))
+        self.variants = list(dict.fromkeys(found))
+
+    def measure(self, config: DictConfig) -> Measured:
+        """One row for each fabric and variant; for each sequence all variants have their turn."""
+        circumstances, composed = Circumstances(), Composed(config)
+        composed.check(variant.energy for variant in self.variants)
+        fabrics, rows = list(config.fabrics), []
+        total = len(fabrics) * self.sequences * len(self.variants)
+        with tqdm(total=total, desc="animating", unit=" sequences", file=sys.stderr) as bar:
+            for fabric in fabrics:
+                found: dict[Variant, list[Animated]] = {variant: [] for variant in self.variants}
+                for number in range(self.sequences):
+                    scene = held_out(self.path, fabric, number, self.frames)
+                    for variant in self.variants:
+                        found[variant].append(self._animate(composed, scene, fabric, variant))
+                        bar.update()
+                rows += [summary(fabric, variant, animated) for variant, animated in found.items()]
+        title = (
+            f"{self.path}: {self.sequences} test sequences of each fabric, {self.frames} frames from two recorded ones"
+        )
+        return Measured("held_out", title, rows, circumstances.text(), partial(draw_trade, rows))
+
+    def _animate(self, composed: Composed, recorded: Scene, fabric: str, variant: Variant) -> Animated:
+        scene = resampled(recorded, variant.resolution)
+        settings = {"precision": variant.precision, "iterations": variant.iterations}
+        simulator = composed.simulator(scene, variant.energy, fabric, **settings)
+        return animate(simulator, scene, recorded.reference)
+
+
+def combinations(name: str, values: Mapping[str, Sequence]) -> list[Variant]:
+    """All variants of the set of values ``name``.
+
+    Raises:
+        DrapeError: it lacks a field of :class:`Variant`, or has another one.
+    """
+    if set(values) != set(Variant._fields):
+        raise DrapeError(
+            f"conf: measure.variants.{name}: found {', '.join(values)}; expected {', '.join(Variant._fields)}, each a "
+            "list of what to try"
+        )
+    return [Variant(*each) for each in itertools.product(*(values[name] for name in Variant._fields))]
+
+
+def animate(simulator: Simulator, scene: Scene, reference: np.ndarray) -> Animated:
+    """Animate ``scene`` and compare with ``reference``, frames of a square that may have another resolution."""
+    vertices, recorded = (round(count**0.5) for count in (scene.mesh.num_vertices, reference.shape[1]))
+    shown = SquareResampling(vertices, recorded) if vertices != recorded else None
+    weight = float(np.linalg.norm(scene.gravity) * scene.mass.mean())
+    state, x, results, seconds = scene.initial, [], [], []
+    for frame in range(scene.frames):
+        began = time.perf_counter()
+        results.append(simulator.step(state, frame))
+        seconds.append(time.perf_counter() - began)
+        state = results[-1].state
+        x.append(state.x if shown is None else shown(state.x))
+    return Animated(
+        error=vertex_distance(np.stack(x), reference[1:]),
+        travelled=distance_travelled(reference),
+        seconds=float(np.mean(seconds)),
+        evaluations=float(np.mean([result.iterations for result in results])),
+        residual=float(np.mean([result.residual for result in results])) / weight,
+        converged=float(np.mean([result.outcome is Outcome.CONVERGED for result in results])),
+    )
+
+
+def summary(fabric: str, variant: Variant, animated: Sequence[Animated]) -> Row:
+    """Means over sequences, of the time the median; the share is that of the means."""
+    of = {name: [getattr(each, name) for each in animated] for name in Animated._fields}
+    mean = {name: float(np.mean(values)) for name, values in of.items()}
+    return {
+        "fabric": fabric,
+        **variant._asdict(),
+        "error_mm": 1e3 * mean["error"],
+        "travelled_mm": 1e3 * mean["travelled"],
+        "error_percent": 100 * mean["error"] / mean["travelled"],
+        "error_percent_std": 100 * float(np.std(of["error"])) / mean["travelled"],
+        "ms_per_frame": 1e3 * float(np.median(of["seconds"])),
+        "evaluations_per_frame": mean["evaluations"],
+        "residual_percent_of_weight": 100 * mean["residual"],
+        "converged_percent": 100 * mean["converged"],
+    }
