@@ -8,12 +8,14 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from drape import config as conf
-from drape.blender.output import check_formats, check_pictures, export, render
+from drape.blender.output import export, render
 from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
 from drape.energy.incremental_potential import IncrementalPotential
+from drape.errors import DrapeError
 from drape.report.animated import animated, explained
 from drape.report.preview import preview
+from drape.simulators.device import check_device
 from drape.simulators.rollout import COLUMNS, roll_out
 
 SHAPES_FRAMES = ("scene", "fabric", "energy", "contact", "simulator")
@@ -23,10 +25,10 @@ SHAPES_FRAMES = ("scene", "fabric", "energy", "contact", "simulator")
 @conf.main("animate")
 def main(config: DictConfig) -> None:
     conf.check_config(config, contents="animate")
-    output, folder = config.output, Path(config.folder)
-    check_formats(output.formats)
-    if output.render == "cycles":
-        check_pictures(output.samples, list(output.size), output.every)
+    if not isinstance(config.explain, bool):
+        raise DrapeError(f"explain: found {config.explain!r}; expected true or false")
+    check_device(config.simulator.device)
+    output, folder = conf.instantiate(config.output), Path(config.folder)
     scene = conf.instantiate(config.scene)
     fabric = conf.instantiate(config.energy)
     potential = IncrementalPotential.for_scene(scene, fabric.terms, conf.instantiate(config.contact))
@@ -42,7 +44,7 @@ def main(config: DictConfig) -> None:
     if output.render == "preview":
         made.append(preview(path, folder / "preview.png"))
     elif output.render == "cycles":
-        made.append(render(path, folder, output.samples, list(output.size), output.every))
+        made.append(render(path, folder, output.samples, output.size, output.every))
     print(animated(path, scene, rollout, made))
 
 

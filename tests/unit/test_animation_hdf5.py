@@ -176,7 +176,7 @@ def test_another_scene_is_refused_and_nothing_changes(tmp_path: Path, other: str
     changes, sentence = OTHERS[other]
     for where in ("with its HDF5 file", "with parts only"):
         made = header(9) if other == "frames" else header(FRAMES, **changes)
-        with pytest.raises(DrapeError, match=f"{sentence}.*; delete animation.h5 and .*, or choose another place"):
+        with pytest.raises(DrapeError, match=f"{sentence}.*; delete animation.h5 and .*, or choose another folder"):
             AnimationWriter(path, made)
         if stop is None or where == "with parts only":
             break

@@ -165,6 +165,16 @@ def test_a_folder_with_a_changing_mesh_or_without_any_is_refused(tmp_path):
         read_obstacle(tmp_path / "empty", 0.1, 3)
 
 
+def test_a_closed_body_that_is_inside_out_is_refused(tmp_path):
+    """One with a hole may wind as it likes: nobody knows where its inside is."""
+    path = npz(tmp_path / "body.npz", faces=FACES[:, ::-1])
+    with pytest.raises(DrapeError, match=r"body\.npz: found a closed body whose faces wind inwards .*; expected"):
+        read_obstacle(path, 0.1, 10)
+    read_obstacle(npz(tmp_path / "open.npz", faces=FACES[1:, ::-1]), 0.1, 10)
+    far = RECORDED + [100.0, 0.0, 0.0]
+    read_obstacle(npz(tmp_path / "far.npz", positions=far), 0.1, 10)
+
+
 def test_points_follow_a_rigid_motion_rigidly():
     rng = np.random.default_rng(0)
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))

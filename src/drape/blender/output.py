@@ -7,7 +7,9 @@ import hashlib
 import json
 import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from tqdm import tqdm
@@ -23,6 +25,26 @@ from drape.errors import DrapeError
 BLENDER_FORMATS = {"abc": ".abc", "usd": ".usdc", "glb": ".glb"}
 """Endings of what only Blender can write."""
 FORMATS = ("obj", "npz", *BLENDER_FORMATS)
+
+
+@dataclass(frozen=True)
+class Output:
+    """What to make of an animation, checked before anything is simulated; see :func:`export` and :func:`render`.
+
+    Raises:
+        DrapeError: see :func:`check_formats` and, for ``cycles``, :func:`check_pictures`.
+    """
+
+    formats: list[str]
+    render: Literal["preview", "cycles", "none"]
+    samples: int
+    size: list[int]
+    every: int
+
+    def __post_init__(self) -> None:
+        check_formats(self.formats)
+        if self.render == "cycles":
+            check_pictures(self.samples, self.size, self.every)
 
 
 def export(path: Path | str, formats: Sequence[str], folder: Path | str) -> list[Path]:
@@ -67,7 +89,7 @@ def check_formats(formats: Sequence[str]) -> None:
     if unknown:
         raise DrapeError(f"output.formats: found {', '.join(map(str, unknown))}; expected some of {', '.join(FORMATS)}")
     if any(name in BLENDER_FORMATS for name in formats):
-        blender_version()
+        _need_blender("output.formats", "obj and npz are written without it")
 
 
 def check_pictures(samples: int, size: Sequence[int], every: int = 1) -> None:
@@ -81,7 +103,14 @@ def check_pictures(samples: int, size: Sequence[int], every: int = 1) -> None:
             raise DrapeError(f"output.{name}: found {value!r}; expected a whole number from 1 on")
     if len(size) != 2 or any(not isinstance(side, int) or side < 16 or side % 2 for side in size):
         raise DrapeError(f"output.size: found {list(size)}; expected width and height in pixels, even, from 16 on")
-    blender_version()
+    _need_blender("output.render=cycles", "output.render=preview draws without it")
+
+
+def _need_blender(setting: str, otherwise: str) -> None:
+    try:
+        blender_version()
+    except DrapeError as error:
+        raise DrapeError(f"{setting}: {error}; {otherwise}") from error
 
 
 def render(

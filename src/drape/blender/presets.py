@@ -27,8 +27,8 @@ def blender_version() -> str:
     """
     if importlib.util.find_spec("bpy") is None:
         raise DrapeError(
-            "Blender is not installed for this Python (no module bpy); cloth data is simulated by bpy 5.0.1, which "
-            'needs Python 3.11 exactly: python3.11 -m pip install -e ".[blender]"'
+            "Blender is not installed for this Python (no module bpy); expected bpy 5.0.1, which needs Python 3.11 "
+            'exactly: python3.11 -m pip install -e ".[blender]"'
         )
     return importlib.metadata.version("bpy")
 

@@ -25,6 +25,10 @@ REFUSED = 2
 """Exit status when the user can put it right."""
 FULL_DISK = ("No space left on device", "PytorchStreamWriter failed writing")
 """What the system, HDF5 and PyTorch say of it."""
+NOT_A_PLACE = (PermissionError, NotADirectoryError, FileExistsError, IsADirectoryError)
+"""What the system says of a path where nothing can be written."""
+NO_OPTION = "Config group override must be"
+"""What Hydra says of ``scene=null`` and ``scene=3``."""
 INTERRUPTED = 130
 """Exit status after Ctrl+C, as shells count it."""
 
@@ -73,15 +77,20 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
 def refusal(error: BaseException) -> str | None:
     """The sentence for the user; None where not the user is to blame but the program.
 
-    A :class:`DrapeError` anywhere among the causes, a config that Hydra cannot compose, a full disk.
+    A :class:`DrapeError` anywhere among the causes, a config that Hydra cannot compose, a full disk, a path where
+    nothing can be written.
     """
     for cause in causes(error):
         if isinstance(cause, DrapeError):
             return str(cause)
         if isinstance(cause, HydraException) and not isinstance(cause, InstantiationException):
             return _composition(cause)
+        if NO_OPTION in str(cause):
+            return f"conf: {cause}: expected the name of an option, as in scene=sphere; --help lists them"
         if any(words in str(cause) for words in FULL_DISK):
             return f"cannot write: {cause}; make space on the disk and run the same command again"
+        if isinstance(cause, NOT_A_PLACE):
+            return f"cannot use {cause.filename}: {cause.strerror}; set its permissions, or choose another path"
     return None
 
 

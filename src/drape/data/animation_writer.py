@@ -69,7 +69,7 @@ class AnimationWriter:
         self.num_frames = self._count()
 
     def _refuse_other(self, found: Mapping, wanted: Mapping, where: Path) -> None:
-        remedy = f"delete {self.path.name} and {self.parts.name} there, or choose another place for this one"
+        remedy = f"delete {self.path.name} and {self.parts.name} there, or choose another folder for this one"
         refuse_difference(found, wanted, where, remedy)
 
     def _claim(self, wanted: dict) -> None:

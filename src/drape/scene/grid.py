@@ -21,7 +21,7 @@ def square_grid(size: float, resolution: int, pattern: str = "uniform") -> Cloth
     Raises:
         DrapeError: a size that is not positive, fewer than 2 vertices a side, an unknown pattern.
     """
-    if size <= 0 or resolution < 2 or pattern not in PATTERNS:
+    if not size > 0 or resolution < 2 or pattern not in PATTERNS:
         raise DrapeError(
             f"square cloth: size {size}, resolution {resolution}, pattern {pattern!r}; "
             f"expected size > 0, resolution >= 2 and a pattern among {', '.join(PATTERNS)}"
@@ -35,7 +35,7 @@ def rectangular_grid(size: tuple[float, float], resolution: tuple[int, int], pat
     Raises:
         DrapeError: a side that is not positive, fewer than 2 vertices along one, an unknown pattern.
     """
-    if min(size) <= 0 or min(resolution) < 2 or pattern not in PATTERNS:
+    if not all(side > 0 for side in size) or min(resolution) < 2 or pattern not in PATTERNS:
         raise DrapeError(
             f"rectangular cloth: size {tuple(size)}, resolution {tuple(resolution)}, pattern {pattern!r}; "
             f"expected sizes > 0, resolutions >= 2 and a pattern among {', '.join(PATTERNS)}"

@@ -15,6 +15,7 @@ from drape.scene.mesh_file import KINDS as MESHES
 from drape.scene.mesh_file import read_triangles, to_metres
 from drape.scene.motion_clip import MotionClip
 from drape.scene.obstacle import Obstacle
+from drape.scene.proportions import check_winding
 from drape.scene.resample import resample
 
 ARRAYS = (".npz", ".h5", ".hdf5")
@@ -35,7 +36,8 @@ def read_obstacle(
     ``read_cloth``.
 
     Raises:
-        DrapeError: a path, a file or a topology that is no body, NaN, no known rate, too short a motion.
+        DrapeError: a path, a file or a topology that is no body, NaN, a body inside out, no known rate, too short a
+            motion.
     """
     path = Path(path)
     clip = _read(path, dt, frames)
@@ -54,7 +56,9 @@ def read_obstacle(
         )
     positions = resample(clip.positions, _rate(clip, fps, path), dt, frames, str(path))
     turned = "z" if clip.z_is_up else up_axis
-    return Obstacle(clip.faces, to_metres(positions, path, scale, turned))
+    metres = to_metres(positions, path, scale, turned)
+    check_winding(clip.faces, metres[0], str(path))
+    return Obstacle(clip.faces, metres)
 
 
 def _read(path: Path, dt: float, frames: int) -> MotionClip:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from drape.errors import DrapeError
 
@@ -30,6 +30,27 @@ def check_cloth_size(positions: Float[np.ndarray, "vertices 3"], where: str) -> 
         raise DrapeError(
             f"{where}: found a cloth of {found:.3g} m; expected {SMALLEST} to {LARGEST:.0f} m; the file seems to have "
             "another unit: set scene.scale (0.001 for millimetres, 0.01 for centimetres)"
+        )
+
+
+def check_winding(
+    faces: Int[np.ndarray, "faces 3"], positions: Float[np.ndarray, "body_vertices 3"], where: str
+) -> None:
+    """Refuse a closed body that is inside out: its contact would pull the cloth in.
+
+    The volume is ``Σ_faces x0 · (x1 x x2) / 6``. Nothing is known of a body with holes.
+
+    Raises:
+        DrapeError: every edge has a face on both sides, and the volume is negative.
+    """
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    closed = np.array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
+    corners = positions[faces] - positions.mean(axis=0)
+    volume = float(np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6.0
+    if closed and volume < 0.0:
+        raise DrapeError(
+            f"{where}: found a closed body whose faces wind inwards (volume {volume:.3g} m³); expected outwards, "
+            "anticlockwise seen from outside; flip its normals and export it again"
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -42,10 +43,10 @@ def sphere(
         DrapeError: a radius or period that is not positive; see also :func:`square_grid`, :func:`vertex_masses`,
             :class:`Scene`.
     """
-    if radius <= 0 or period <= 0 or not 0 <= subdivisions <= 6:
+    if not (radius > 0 and period > 0 and math.isfinite(gap) and 0 <= subdivisions <= 6):
         raise DrapeError(
-            f"scene: radius {radius}, period {period}, subdivisions {subdivisions}; expected radius > 0 m, "
-            "period > 0 s and 0 to 6 subdivisions of the sphere"
+            f"scene: radius {radius}, period {period}, gap {gap}, subdivisions {subdivisions}; expected radius > 0 m, "
+            "period > 0 s, a gap in metres and 0 to 6 subdivisions of the sphere"
         )
     mesh = square_grid(size, resolution, pattern)
     ball = trimesh.creation.icosphere(subdivisions, radius)
