@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy import sparse
 from torch import Tensor
 
+from drape.energy.baked_kernel import ElasticKernel
 from drape.energy.edge_deformation import EdgeDeformation
 from drape.energy.edge_law import EdgeLaw, Slopes
 from drape.energy.edge_scale import EdgeScale
@@ -35,6 +36,7 @@ class ElasticEnergy(EnergyTerm):
         self.law = law
         self.transfer = transfer
         self._scale: tuple[MeshBatch, EdgeScale] | None = None
+        self._kernel: ElasticKernel | None = None
 
     def _scaled(self, deformation: EdgeDeformation) -> tuple[Tensor | float, Tensor | None]:
         if not self.transfer:
@@ -55,6 +57,10 @@ class ElasticEnergy(EnergyTerm):
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
+        if ElasticKernel.fits(self.law, x_next):
+            if self._kernel is None or self._kernel.mesh is not step.mesh:
+                self._kernel = ElasticKernel(self.law, step.mesh, transfer=self.transfer)
+            return self._kernel.energy_and_gradient(x_next, step)
         deformation, slopes, scale, turns = self._slopes(x_next, step, hessian=False)
         energy = step.sum_stencils(scale**2 * slopes.energy, step.mesh.edges[:, 0])
         return energy, deformation.pull(_gradient(deformation.q, slopes, scale, turns))
