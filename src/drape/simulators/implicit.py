@@ -13,6 +13,7 @@ from drape.energy.scene_step import SceneSteps
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
 from drape.scene.state import State
+from drape.simulators.energy_limit import stored, without_gain
 from drape.simulators.minimise import Minimiser
 from drape.simulators.simulator import Outcome, StepResult
 
@@ -31,7 +32,8 @@ class ImplicitSolver:
     minimised on from there.
 
     Where it starts from: the present positions or free motion, whichever has the lower potential; so a step never ends
-    above the potential of standing still, and without work from outside the energy of the cloth cannot grow.
+    above the potential of standing still. Without a body or moving pins, which do work, the energy of the cloth does
+    not grow, at any number of iterations: see :func:`without_gain`.
 
     Args:
         potential: the terms of the scene.
@@ -75,6 +77,7 @@ class ImplicitSolver:
         self.iterations = iterations
         self.substeps = substeps
         self._minimiser = Minimiser(self.potential, self.steps.free)
+        self._is_left_alone = scene.obstacle is None and (scene.pins is None or scene.pins.is_static)
 
     def step(self, state: State, frame: int) -> StepResult:
         """The state at frame ``frame + 1`` from that at ``frame``."""
@@ -100,6 +103,7 @@ class ImplicitSolver:
         step = self.steps.step(state, start, stop)
         starts = [self.steps.pinned(step.x, state, stop), self.steps.pinned(step.inertial, state, stop)]
         x, found, outcome, used, residual = self._minimiser.minimise(starts, step, self.tolerance, self.iterations)
+        before = self._minimiser.standing.terms
         for _ in range(ROUNDS if step.obstacle is not None and outcome is not Outcome.NOT_FINITE else 0):
             reach = self.potential.contact.search_range
             near = faces_at_end(x, step, reach)
@@ -115,4 +119,9 @@ class ImplicitSolver:
         positions = state.x + moved
         if pinned.any():
             positions[pinned] = self.steps.pin_targets(stop)
-        return State(positions, (positions - state.x) / step.dt), outcome, used, residual, found.terms
+        after = State(positions, (positions - state.x) / step.dt)
+        if self._is_left_alone:
+            rounding = 4 * torch.finfo(x.dtype).eps * sum(abs(energy) for energy in before.values())
+            released = stored(before) - stored(found.terms)
+            after = without_gain(state, after, released, self.steps.scene.mass, ~pinned, rounding)
+        return after, outcome, used, residual, found.terms

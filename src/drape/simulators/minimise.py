@@ -48,6 +48,8 @@ class Minimiser:
         self._dt = 0.0
         self._rough = True
         self.factorisations = 0
+        self.standing: Evaluation | None = None
+        """The first of the starts of the last call, evaluated."""
 
     def minimise(
         self, starts: list[Float[Tensor, "vertices 3"]], step: Step, tolerance: float, iterations: int
@@ -98,8 +100,9 @@ class Minimiser:
             x, best = moved, evaluation
 
     def _best(self, starts: list[Tensor], step: Step) -> tuple[Tensor, Evaluation | None]:
-        finite = [(x, e) for x in starts if np.isfinite((e := self.potential.evaluate(x, step)).energy)]
-        finite = [(x, e) for x, e in finite if bool(e.gradient[self.free].isfinite().all())]
+        tried = [(x, self.potential.evaluate(x, step)) for x in starts]
+        self.standing = tried[0][1]
+        finite = [(x, e) for x, e in tried if np.isfinite(e.energy) and bool(e.gradient[self.free].isfinite().all())]
         if not finite:
             return starts[0], None
         return min(finite, key=lambda pair: pair[1].energy)
