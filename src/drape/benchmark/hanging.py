@@ -42,8 +42,7 @@ class Hanging:
         """Of the scene of ``config``; each frame is made by all in turn, so that all see the same machine."""
         circumstances, composed = Circumstances(), Composed(config)
         scene: Scene = conf.instantiate(config.scene)
-        preset = config.material[config.fabric.name]
-        settings = fabric_settings(config.fabric.name, preset.preset, preset.get("overrides") or {})
+        settings = _settings(config, float(scene.mass.mean()))
         weight = float(np.linalg.norm(scene.gravity) * scene.mass.mean())
         tolerance = self.residual * weight
         ours = {name: _Ours(composed.simulator(scene, name, tolerance=tolerance), scene) for name in config.energies}
@@ -64,6 +63,13 @@ class Hanging:
             f"{scene.frames} frames of {scene.dt:.4g} s, residual at most {100 * self.residual:g} % of the weight"
         )
         return Measured("hanging", title, rows, circumstances.text())
+
+
+def _settings(config: DictConfig, mass: float) -> dict[str, float | int | str]:
+    """Blender's settings of the fabric. Its drag is that of a vertex, whatever the mesh: here as before per mass."""
+    preset = config.material[config.fabric.name]
+    settings = fabric_settings(config.fabric.name, preset.preset, preset.get("overrides") or {})
+    return settings | {"air_damping": settings["air_damping"] * mass / settings["mass"]}
 
 
 class _Ours:
