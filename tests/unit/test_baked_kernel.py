@@ -177,6 +177,12 @@ def test_functions():
     np.testing.assert_allclose(out, expected, rtol=1e-14, atol=3e-15)
 
 
+def test_compiled_without_a_place_to_keep_it():
+    names = {}
+    exec(compile("def twice(x):\n    return 2.0 * x", "<nowhere>", "exec"), names)
+    assert compiled(names["twice"])(1.5) == 3.0
+
+
 def test_faster_than_tensors(monkeypatch):
     """Five times and more on an idle machine; twice must remain on any."""
     step, x_next = make_step(square_grid(1.0, 60))

@@ -25,7 +25,10 @@ def inlined(function: Callable) -> Callable:
 
 def compiled(function: Callable) -> Callable:
     """For functions that Python calls. Whatever checks annotations is taken off: it cannot be compiled."""
-    return njit(**SETTINGS, cache=True)(unwrap(function))
+    try:
+        return njit(**SETTINGS, cache=True)(unwrap(function))
+    except RuntimeError:  # nowhere to write: then every process compiles for itself
+        return njit(**SETTINGS)(unwrap(function))
 
 
 BLOCK = 64
