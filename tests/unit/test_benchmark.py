@@ -20,7 +20,7 @@ from drape.benchmark.measured import Measured
 from drape.benchmark.resolution import Resolution, held_around_pins, refined, sag
 from drape.blender.presets import read_preset
 from drape.blender.timed_cloth import TimedCloth, check_comparable
-from drape.config import instantiate
+from drape.config import check_config, instantiate
 from drape.config.entry_point import CONF
 from drape.errors import DrapeError
 from drape.metrics.position import distance_travelled, vertex_distance
@@ -129,13 +129,24 @@ def test_only_a_square_pinned_at_corners_is_meshed_anew():
 @pytest.mark.parametrize("values", [{"energy": ["eunet"]}, {key: ["eunet"] for key in (*Variant._fields, "masses")}])
 def test_sets_of_variants_are_complete(values):
     with pytest.raises(DrapeError, match=r"variants.mine: found .*; expected energy, precision, iterations, reso"):
-        HeldOut("data/cloth.h5", 1, 1, {"mine": values})
+        HeldOut("data/cloth.h5", 1, 1, {"mine": values}, "x")
 
 
 def test_variants_are_all_combinations():
     values = {"energy": ["a", "b"], "precision": ["float64"], "iterations": [5, 10], "resolution": [22, 43]}
     assert len(combinations("all", values)) == 8
-    assert len(HeldOut("x.h5", 1, 1, {"first": values, "again": values}).variants) == 8
+    assert len(HeldOut("x.h5", 1, 1, {"first": values, "again": values}, "x").variants) == 8
+
+
+def test_the_trade_is_a_sweep_of_held_out_sequences():
+    with initialize_config_dir(str(CONF.parent / "sweeps"), version_base=None):
+        config = compose("trade", [f"hydra.searchpath=[file://{CONF}]"])
+    check_config(config, contents="benchmark")
+    measure = instantiate(config.measure)
+    assert measure.name == "trade"
+    Composed(config).check(variant.energy for variant in measure.variants)
+    assert {v.resolution for v in measure.variants} == {8, 15, 22, 43}
+    assert {v.energy for v in measure.variants} == {"eunet_baked", "eunet", "mass_spring", "phys"}
 
 
 def test_each_fabric_gets_its_own_law_and_solvers_share_nothing():

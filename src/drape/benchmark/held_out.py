@@ -60,17 +60,21 @@ class HeldOut:
         sequences: of each fabric, the first of the test split.
         frames: to simulate.
         variants: named sets of values for the fields of :class:`Variant`; of each set all combinations.
+        name: of the files.
 
     Raises:
         DrapeError: no sequences, or a set that lacks a field or has another one.
     """
 
-    def __init__(self, path: str, sequences: int, frames: int, variants: Mapping[str, Mapping[str, Sequence]]):
+    def __init__(
+        self, path: str, sequences: int, frames: int, variants: Mapping[str, Mapping[str, Sequence]], name: str
+    ):
         if sequences < 1:
             raise DrapeError(f"measure.sequences: found {sequences}; expected a whole number from 1 on")
         self.path = path
         self.sequences = sequences
         self.frames = frames
+        self.name = name
         found = (v for name, values in variants.items() for v in combinations(name, values))
         self.variants = list(dict.fromkeys(found))
 
@@ -92,7 +96,7 @@ class HeldOut:
         title = (
             f"{self.path}: {self.sequences} test sequences of each fabric, {self.frames} frames from two recorded ones"
         )
-        return Measured("held_out", title, rows, circumstances.text(), partial(draw_trade, rows))
+        return Measured(self.name, title, rows, circumstances.text(), partial(draw_trade, rows))
 
     def _animate(self, composed: Composed, recorded: Scene, fabric: str, variant: Variant) -> Animated:
         scene = resampled(recorded, variant.resolution)
