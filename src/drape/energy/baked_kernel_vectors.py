@@ -4,7 +4,8 @@ Loops over the edges of a block without calls, jumps and scattered memory become
 loop needs lies in one buffer, quantity after quantity: what the compiler knows not to overlap, it need not check.
 
 The compiled form lies beside the source (or in the user's cache where that cannot be written), and is made anew when
-the file of the compiled function changes, not when this one does: then delete ``__pycache__``.
+the file of the compiled function changes, not when this file or a constant of another does: then delete
+``__pycache__``.
 """
 
 from __future__ import annotations
