@@ -54,7 +54,7 @@ def stretched(step: Step, x_next: Tensor) -> Tensor:
 
 
 def law() -> NetworkLaw:
-    """A learned law with random parameters, of a mesh whose edges are half as long again as those of :func:`make_step`."""
+    """A learned law with random parameters, of a mesh with longer edges than those of :func:`make_step`."""
     torch.manual_seed(1)
     return NetworkLaw(make_energy("stable", "rate"), face_area=0.02, dt=0.05)
 
