@@ -46,7 +46,7 @@ class Scene:
     obstacle: Obstacle | None = None
     friction: float | None = None
     """Coefficient between cloth and body; None: they slip freely."""
-    reference: Float[np.ndarray, "frames+1 vertices 3"] | None = None
+    reference: Float[np.ndarray, "recorded vertices 3"] | None = None
     """Where another simulator had the cloth in frames 0 to ``frames``, to compare with [m]."""
 
     def __post_init__(self) -> None:
