@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
+import runpy
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from hydra.core.global_hydra import GlobalHydra
 
 from drape.data import schema
 from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
@@ -66,3 +72,31 @@ def trained(data: Path, folder: Path, *overrides: str, **environment: str) -> su
     """A small training in ``folder``."""
     common = [f"data.path={data}", f"hydra.run.dir={folder}", "scale=smoke", "logger=csv"]
     return program("train", *common, *overrides, **environment)
+
+
+class Run(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def animate(monkeypatch, tmp_path) -> Iterator[Callable[..., Run]]:
+    """``python src/animate.py folder=<tmp_path>/out overrides`` in this process: the same main, without its start."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+
+    def run(*overrides: str) -> Run:
+        GlobalHydra.instance().clear()
+        given = [] if any(word.startswith(("folder=", "-")) for word in overrides) else [f"folder={tmp_path}/out"]
+        monkeypatch.setattr(sys, "argv", ["src/animate.py", *given, *overrides])
+        out, err, code = io.StringIO(), io.StringIO(), 0
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            try:
+                runpy.run_path(str(ROOT / "src" / "animate.py"), run_name="__main__")
+            except SystemExit as stop:
+                code = stop.code or 0
+        return Run(code, out.getvalue(), err.getvalue())
+
+    yield run
+    GlobalHydra.instance().clear()
