@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 
 from omegaconf import DictConfig
@@ -14,7 +15,9 @@ from drape import config as conf
 def main(config: DictConfig) -> None:
     conf.check_config(config, contents="benchmark", supplied={"datamodule": ["fabrics"], "training": ["metrics"]})
     measured = conf.instantiate(config.measure).measure(config)
-    Console().print(measured.table().terminal())
+    table = measured.table()
+    body = dataclasses.replace(table, title="", note="").terminal()
+    Console().print(table.title, body, table.note, sep="\n", soft_wrap=True, highlight=False, markup=False)
     print(*(os.path.relpath(path) for path in measured.save(config.folder)), sep="\n")
 
 
