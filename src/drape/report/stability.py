@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -122,7 +123,7 @@ def _table(found: Mapping[Cell, Stability | str], energy: str) -> Table:
 def _cells(result: Stability | str) -> tuple[str, ...]:
     """Converged, residual, gain, drift, ms/frame."""
     if isinstance(result, str):
-        return (result, "", "", "", "")
+        return (shorten(result, 60), "", "", "", "")
     total, converged = result.outcomes.total(), result.outcomes[Outcome.CONVERGED]
     others = [f"{result.outcomes[outcome]} {word}" for outcome, word in OTHERS.items() if result.outcomes[outcome]]
     return (
