@@ -1,4 +1,5 @@
-# make train   from nothing to a learned fabric        make test   from nothing to the whole test suite
+# make animate   from nothing to a moving cloth        make train   from nothing to a learned fabric
+# make test      from nothing to the whole test suite
 PYTHON ?= python3.11
 VENV   ?= .venv
 DATA   ?= cloth
@@ -12,7 +13,7 @@ BLENDER_SONAMES := libGL.so.1 libSM.so.6 libICE.so.6 libX11.so.6 libXext.so.6 li
                    libXrender.so.1 libxkbcommon.so.0
 
 .DEFAULT_GOAL := help
-.PHONY: help install data train report test lint clean
+.PHONY: help install animate data train report test lint clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*##\(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 16
@@ -44,6 +45,9 @@ debian = if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	    echo "installing $(2): $(1)"; \
 	    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y $(1) >/dev/null; \
 	  else echo "error: $(2) are missing; run: sudo apt-get install $(1)"; exit 1; fi
+
+animate: install  ## silk over a moving sphere, by the energy that comes with the program; no training
+	$(RUN) src/animate.py
 
 data: install  ## trajectories of a cloth, by Blender; goes on where it was interrupted
 	$(RUN) src/generate.py data=$(DATA)

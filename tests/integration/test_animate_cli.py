@@ -126,7 +126,7 @@ def test_explain_lists_what_the_scene_requires_and_why(animate, tmp_path):
 def test_the_help_has_commands_that_exist(animate):
     done = animate("--help")
     assert done.code == 0
-    for name in ("scene=cusick", "scene=custom", "energy=eunet", "explain=true", "simulator.iterations=10"):
+    for name in ("scene=cusick", "scene=custom", "energy=eunet", "explain=true", "simulator.iterations=50"):
         assert name in done.out
 
 

@@ -71,6 +71,13 @@ def test_a_mesh_that_is_no_cloth(animate, tmp_path, name):
     assert_says(custom(animate, tmp_path, mesh), rf"{mesh}: .*{sentence}")
 
 
+def test_a_cloth_that_is_pinned_all_over(animate, tmp_path):
+    """A flat one lies at the height of its highest vertex as a whole."""
+    mesh = written(tmp_path / "shirt.obj", X, FACES)
+    said = custom(animate, tmp_path, mesh, "scene.pins={top: 0.02}")
+    assert_says(said, "scene shirt: pins: found all 36 vertices; expected some that are free; pin fewer")
+
+
 def test_a_cloth_of_parts_that_touch_nowhere_is_allowed(animate, tmp_path):
     mesh = written(tmp_path / "two.obj", np.r_[X, X + [0, 0, 0.3]], np.r_[FACES, FACES + len(X)])
     done = animate("scene=custom", f"scene.mesh={mesh}", MASS, "scene.frames=1", "output.render=none")

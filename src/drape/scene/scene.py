@@ -83,6 +83,8 @@ class Scene:
             raise DrapeError(
                 f"{where}: pins: found vertex {highest}; expected 0..{count - 1}, as the mesh has {count} vertices"
             )
+        if len(self.pins.vertices) == count:
+            raise DrapeError(f"{where}: pins: found all {count} vertices; expected some that are free; pin fewer")
         self._check_length(where, "pins", self.pins)
 
     def _check_obstacle(self, where: str) -> None:
