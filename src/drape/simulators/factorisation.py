@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import weakref
 from collections.abc import Callable
 
 import numpy as np
@@ -39,7 +40,8 @@ class Factorisation:
         for shift in SHIFTS:
             found = factorised(matrix + shift * diagonal if shift else matrix)
             if found is not None:
-                self.solve, self.close = found
+                self.solve, close = found
+                self.close = weakref.finalize(self, close)  # at the latest when nobody needs the factors any more
                 return
         raise ArithmeticError("the matrix is not positive definite")
 
