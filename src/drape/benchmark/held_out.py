@@ -84,6 +84,7 @@ class HeldOut:
         composed.check(variant.energy for variant in self.variants)
         fabrics, rows = list(config.fabrics), []
         total = len(fabrics) * self.sequences * len(self.variants)
+        self._warm_up(composed, fabrics[0])
         with tqdm(total=total, desc="animating", unit=" sequences", file=sys.stderr) as bar:
             for fabric in fabrics:
                 found: dict[Variant, list[Animated]] = {variant: [] for variant in self.variants}
@@ -97,6 +98,12 @@ class HeldOut:
             f"{self.path}: {self.sequences} test sequences of each fabric, {self.frames} frames from two recorded ones"
         )
         return Measured(self.name, title, rows, circumstances.text(), partial(draw_trade, rows))
+
+    def _warm_up(self, composed: Composed, fabric: str) -> None:
+        """Let what is compiled when it is first used be compiled before anything is timed."""
+        scene = held_out(self.path, fabric, 0, 1)
+        for variant in {(v.energy, v.precision): v for v in self.variants}.values():
+            self._animate(composed, scene, fabric, variant)
 
     def _animate(self, composed: Composed, recorded: Scene, fabric: str, variant: Variant) -> Animated:
         scene = resampled(recorded, variant.resolution)
