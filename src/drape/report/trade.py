@@ -23,7 +23,8 @@ def draw_trade(rows: Sequence[Mapping[str, str | float]], path: Path | str) -> P
     """One PNG, a panel for each fabric: error [mm] against time per frame [ms], both logarithmic.
 
     ``rows`` are those of :class:`drape.benchmark.held_out.HeldOut`. Each curve is an energy in a precision on a mesh,
-    its points are budgets of iterations, written beside them where they change the error. Dotted: 5 % of the distance that the cloth travelled.
+    its points are budgets of iterations, written beside them where they change the error. Dotted: 5 % of the
+    distance that the cloth travelled.
     """
     fabrics = list(dict.fromkeys(str(row["fabric"]) for row in rows))
     columns = 2 if len(fabrics) > 1 else 1
