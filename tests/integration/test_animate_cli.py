@@ -147,11 +147,18 @@ def test_a_multirun_makes_an_animation_of_each_fabric(animate, tmp_path):
 # Interrupted and continued
 
 
+def heed_interrupts() -> None:
+    """A shell that starts the tests in the background has its children ignore Ctrl+C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def stopped(folder: Path, how: signal.Signals, *overrides: str) -> tuple[int, str]:
     """Exit status and words of an animation that got the signal after its fourth frame."""
     command = [sys.executable, str(ROOT / "src/animate.py"), *overrides, f"folder={folder}"]
     env = os.environ | {"PYTHONPATH": str(ROOT / "src"), "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=env, cwd=ROOT)
+    process = subprocess.Popen(
+        command, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts, env=env, cwd=ROOT
+    )
     fourth, deadline = folder / "animation.h5.parts" / "000004.npz", time.monotonic() + 60
     while not fourth.exists():
         assert process.poll() is None, process.stderr.read()

@@ -159,11 +159,18 @@ def test_a_picture_shows_the_cloth_and_the_body(tmp_path: Path) -> None:
     assert np.abs(shown[0] - shown[1]).max() > 30  # it moves
 
 
+def heed_interrupts() -> None:
+    """A shell that starts the tests in the background has its children ignore Ctrl+C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_interrupted_the_pictures_that_are_done_stay(tmp_path: Path) -> None:
     path = write(tmp_path / "wave.h5", header(40))
     code = f"from drape.blender.output import render; render({str(path)!r}, {str(tmp_path)!r}, 4, {list(SIZE)})"
     env = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
-    process = subprocess.Popen([sys.executable, "-c", code], env=env, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], env=env, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts
+    )
     deadline = time.monotonic() + 60
     while len(pictures(tmp_path)) < 2:
         assert process.poll() is None, process.stderr.read()
