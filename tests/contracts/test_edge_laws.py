@@ -101,6 +101,14 @@ def test_slopes_are_the_gradient_of_the_potential(laws, name):
 
 
 @pytest.mark.parametrize("name", LAWS)
+def test_a_mirror_image_stores_the_same(laws, name):
+    q = deformations(200)
+    twisted = q * torch.tensor([1.0, -1.0, 1.0], dtype=torch.float64)
+    energy = laws[name].potential(q, attributes(200))
+    torch.testing.assert_close(laws[name].potential(twisted, attributes(200)), energy, rtol=1e-5, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_finite_at_extremes(laws, name, dtype):
     """Ten metres of stretch, many turns, a bullet's speed: numbers, of the precision that was asked for."""
@@ -145,7 +153,8 @@ def test_rest_is_the_network_s(laws, name):
     found, true = (laws[n].potential_slopes(q, attributes(1), hessian=True) for n in (name, network))
     torch.testing.assert_close(found.energy, true.energy, rtol=1e-6, atol=1e-8)
     torch.testing.assert_close(found.gradient, true.gradient, rtol=1e-5, atol=1e-6)
-    torch.testing.assert_close(found.hessian, true.hessian, rtol=1e-5, atol=1e-4)
+    # tables are stored in single precision: 6e-8 of some 0.1 J, over (0.25 * 0.01 m)²
+    torch.testing.assert_close(found.hessian, true.hessian, rtol=1e-5, atol=5e-4)
 
 
 @pytest.mark.parametrize("name", ["baked", "baked_stretch"])

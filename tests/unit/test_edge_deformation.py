@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 
+import drape
+from drape.energy.baked_file import read_baked
 from drape.energy.edge_deformation import EdgeDeformation
 from drape.energy.edge_scale import WIDEST, EdgeScale
+from drape.energy.elastic import ElasticEnergy
 from drape.scene.geometry import EdgeGeometry, subtract_angles
 from drape.scene.grid import square_grid
 from drape.scene.mesh_batch import MeshBatch
 from tests.conftest import bent
+from tests.terms import law, make_step
 
 
 def test_the_same_quantities_as_in_training(cloth_batch):
@@ -60,6 +66,33 @@ def test_finite_for_every_input(cloth_batch, place, dtype):
     assert deformation.q.dtype == dtype
     assert deformation.pull(torch.ones_like(deformation.q)).isfinite().all()
     assert all(np.isfinite(row.data).all() for row in deformation.jacobian())
+
+
+@pytest.mark.parametrize("transfer", [False, True])
+def test_a_normal_passes_through_the_direction_of_its_edge(transfer):
+    """There the twist jumps by half a turn; the energy does not, for networks and for tables."""
+    step, _ = make_step(square_grid(1.0, 4))
+    torch.manual_seed(0)
+    x = (step.x + 0.3 * torch.randn_like(step.x)).requires_grad_()
+    edge = int(EdgeDeformation(x, step.mesh, bends=True).upright.argmin())
+    for _ in range(60):  # Newton's method for upright = 0 along its gradient
+        upright = EdgeDeformation(x, step.mesh, bends=True).upright[edge]
+        (slope,) = torch.autograd.grad(upright, x)
+        x = (x - 0.5 * upright * slope / slope.square().sum()).detach().requires_grad_()
+    x = x.detach()
+    assert EdgeDeformation(x, step.mesh, bends=True).upright[edge] < 1e-5
+    table = read_baked(Path(drape.__file__).parent / "checkpoints" / "eunet_stable_silk.npz")
+    across = torch.randn_like(x)
+    ends = [EdgeDeformation(x + side * across, step.mesh, bends=True).q[1, edge] for side in (-1e-4, 1e-4)]
+    assert abs(ends[1] - ends[0]) > 1.0
+    for law_of in (law(), table):
+        term = ElasticEnergy(law_of, transfer=transfer)
+        near, far = (
+            abs(torch.sub(*(term.energy_and_gradient(x + side * across, step)[0] for side in (-size, size))))
+            for size in (1e-5, 1e-4)
+        )
+        assert far > 0
+        assert near < 0.2 * far  # a tenth where there is no cliff
 
 
 def test_without_bending_no_normal_is_computed(cloth_batch, monkeypatch):

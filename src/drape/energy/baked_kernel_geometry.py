@@ -26,7 +26,7 @@ from drape.energy.baked_kernel_vectors import (
 from drape.scene.geometry import TINY
 
 DIRECTION, NORMAL_I, NORMAL_J, ON_I, ON_J, ON_EDGE = (3 * BLOCK * k for k in range(6))
-INVERSE_LENGTH, E_I, E_J, C_I, C_J, SINE, COSINE, END = (BLOCK * k for k in range(18, 26))
+INVERSE_LENGTH, E_I, E_J, C_I, C_J, SINE, COSINE, UPRIGHT, END = (BLOCK * k for k in range(18, 27))
 
 EIGHTH_TURN_HALVED = math.tan(math.pi / 8.0)
 
@@ -106,8 +106,9 @@ def _frames(buffer, smallest):
         buffer[INVERSE_LENGTH + e] = inverse
         buffer[E_I + e], buffer[E_J + e] = e_i, e_j
         buffer[C_I + e], buffer[C_J + e] = _cosine_of(e_i), _cosine_of(e_j)
-        buffer[SINE + e] = dot(cross(n_j, n_i), y)
-        buffer[COSINE + e] = dot(n_i, n_j) - e_i * e_j
+        sine, cosine = dot(cross(n_j, n_i), y), dot(n_i, n_j) - e_i * e_j
+        buffer[SINE + e], buffer[COSINE + e] = sine, cosine
+        buffer[UPRIGHT + e] = math.sqrt(sine * sine + cosine * cosine + TINY * TINY)
 
 
 @inlined
@@ -118,15 +119,16 @@ def _deformations(buffer, rest, q):
         q[1, e] = _wrapped(arctangent(buffer[SINE + e], buffer[COSINE + e]) - rest[1, e])
         # the difference of two elevations as the angle of one pair
         q[2, e] = _wrapped(arctangent(e_i * c_j - e_j * c_i, c_i * c_j + e_i * e_j) - rest[2, e])
+        q[3, e] = buffer[UPRIGHT + e]
 
 
 @inlined
 def _pull(buffer, slopes):
     for e in range(BLOCK):
         y, n_i, n_j = load(buffer, DIRECTION, e), load(buffer, NORMAL_I, e), load(buffer, NORMAL_J, e)
-        sine, cosine = buffer[SINE + e], buffer[COSINE + e]
-        scale = slopes[1, e] / (sine * sine + cosine * cosine + TINY * TINY)
-        by_sine, by_cosine = scale * cosine, -scale * sine
+        sine, cosine, upright = buffer[SINE + e], buffer[COSINE + e], buffer[UPRIGHT + e]
+        turn, lift = slopes[1, e] / (upright * upright), slopes[3, e] / upright
+        by_sine, by_cosine = turn * cosine + lift * sine, lift * cosine - turn * sine
         by_e_i = slopes[2, e] / buffer[C_I + e] - by_cosine * buffer[E_J + e]
         by_e_j = -slopes[2, e] / buffer[C_J + e] - by_cosine * buffer[E_I + e]
         store(buffer, ON_I, e, sum_of_three(by_sine, cross(y, n_j), by_cosine, n_j, by_e_i, y))
@@ -150,12 +152,12 @@ def _scatter(buffer, edges, on_normals, gradient):
 
 @compiled
 def deformations(x, faces, edges, rest, smallest):
-    """``q = (Δl, α, β)`` [blocks, 3, BLOCK], the vertex normals and one over their sizes; ``rest`` as q, of the rest.
+    """``(Δl, α, β, upright)`` [blocks, 4, BLOCK], vertex normals, and one over their sizes; ``rest`` as q, of the rest.
 
     ``smallest`` [m]: lengths are rounded up by it.
     """
     normals, inverse_sizes = _normals(x, faces, smallest)
-    q, buffer = np.empty((len(rest), 3, BLOCK)), np.zeros(END)
+    q, buffer = np.empty((len(rest), 4, BLOCK)), np.zeros(END)
     for block in range(len(rest)):
         _gather(x, normals, edges[block * BLOCK : (block + 1) * BLOCK], buffer)
         _frames(buffer, smallest)
@@ -165,7 +167,7 @@ def deformations(x, faces, edges, rest, smallest):
 
 @compiled
 def forces(x, faces, edges, normals, inverse_sizes, slopes, smallest):
-    """``(∂q/∂x)ᵀ slopes``, from the slopes in q [blocks, 3, BLOCK] and what :func:`deformations` gave."""
+    """``(∂q/∂x)ᵀ slopes``, from the slopes in q [blocks, 4, BLOCK] and what :func:`deformations` gave."""
     gradient, on_normals, buffer = np.zeros(x.shape), np.zeros(x.shape), np.zeros(END)
     for block in range(len(slopes)):
         near = edges[block * BLOCK : (block + 1) * BLOCK]

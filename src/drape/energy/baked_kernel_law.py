@@ -10,6 +10,7 @@ import numpy as np
 from drape.energy.baked_kernel_vectors import BLOCK, compiled, inlined, series
 from drape.energy.cubic_spline import MARGIN
 from drape.energy.edge_scale import WIDEST
+from drape.energy.twist_share import FADES_BELOW
 
 (SCALE, BY_ALPHA, BY_BETA, STRETCH, ALPHA, BETA, U, A, B, S, S_U, S_A, S_B, END) = (BLOCK * k for k in range(14))
 SUMS = 44
@@ -191,23 +192,52 @@ def _energies(table, buffer, energy, slopes):
         slopes[2, e] = scale * by_beta + by_scale * buffer[BY_BETA + e]
 
 
+@inlined
+def _evaluate(q, sizes, same, table, buffer, sums, rows, energy, slopes):
+    if same:
+        _unscaled(q, buffer)
+    else:
+        _scaled(q, sizes, buffer)
+    _cells(table, buffer, rows)
+    _spline(table, rows, buffer, sums)
+    _energies(table, buffer, energy, slopes)
+
+
+@inlined
+def _fade(upright, untwisted, its_slopes, energy, slopes):
+    """As :func:`twist_share` says, from the energies with and without twist."""
+    for e in range(BLOCK):
+        t = upright[e] / FADES_BELOW
+        t = t if t < 1.0 else 1.0
+        share, rise = t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) / FADES_BELOW
+        gained = energy[e] - untwisted[e]
+        energy[e] = untwisted[e] + share * gained
+        slopes[0, e] = its_slopes[0, e] + share * (slopes[0, e] - its_slopes[0, e])
+        slopes[1, e] = share * slopes[1, e]
+        slopes[2, e] = its_slopes[2, e] + share * (slopes[2, e] - its_slopes[2, e])
+        slopes[3, e] = rise * gained
+
+
 @compiled
 def potentials(q, sizes, same, table):
-    """``S² φp(q/S)`` [blocks, BLOCK] [J] and its slopes in q [blocks, 3, BLOCK]; with ``same``, S = 1.
+    """``S² φp(q/S)`` [blocks, BLOCK] [J] and its slopes in q [blocks, 4, BLOCK]; with ``same``, S = 1.
 
-    ``sizes`` [blocks, BLOCK]: :attr:`EdgeScale.rest`.
+    ``q`` as from :func:`deformations`; ``sizes`` [blocks, BLOCK]: :attr:`EdgeScale.rest`.
     """
-    energy, slopes = np.empty(sizes.shape), np.empty(q.shape)
+    energy, slopes = np.empty(sizes.shape), np.zeros(q.shape)
+    untwisted, its_energy, its_slopes = np.zeros((4, BLOCK)), np.empty(BLOCK), np.empty((4, BLOCK))
     buffer, sums, rows = np.zeros(END), np.empty(SUMS), np.zeros(BLOCK, np.int64)
     buffer[SCALE : SCALE + BLOCK] = 1.0
     for block in range(len(q)):
-        if same:
-            _unscaled(q[block], buffer)
-        else:
-            _scaled(q[block], sizes[block], buffer)
-        _cells(table, buffer, rows)
-        _spline(table, rows, buffer, sums)
-        _energies(table, buffer, energy[block], slopes[block])
+        near, fading = q[block], q[block, 3].min() < FADES_BELOW
+        untwisted[0], untwisted[2] = near[0], near[2]
+        place = near, energy[block], slopes[block]
+        for _ in range(2 if fading else 1):  # one call: what is called in two places is compiled twice
+            seen, its, their = place
+            _evaluate(seen, sizes[block], same, table, buffer, sums, rows, its, their)
+            place = untwisted, its_energy, its_slopes
+        if fading:
+            _fade(near[3], its_energy, its_slopes, energy[block], slopes[block])
     return energy, slopes
 
 

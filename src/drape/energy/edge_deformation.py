@@ -105,12 +105,19 @@ class EdgeDeformation:
     def _cosine(self) -> Float[Tensor, " edges"]:
         return dot(self._ends[0], self._ends[1]) - self._e_i * self._e_j
 
-    def _angle_slopes(self, by_alpha: Tensor, by_beta: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """``by_alpha dα + by_beta dβ`` as coefficients of dn_i, dn_j and of dx_j (dx_i has the opposite)."""
+    @cached_property
+    def upright(self) -> Float[Tensor, " edges"]:
+        """``c_i c_j``: 1 where both normals are orthogonal to the edge, 0 where one lies along it and α is nothing."""
+        return (self._sine.square() + self._cosine.square() + TINY**2).sqrt()
+
+    def _angle_slopes(
+        self, by_alpha: Tensor, by_beta: Tensor, by_upright: Tensor | float = 0.0
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """``by_alpha dα + by_beta dβ + by_upright d(c_i c_j)`` as coefficients of dn_i, dn_j and dx_j (-dx_i)."""
         n_i, n_j = self._ends
         y, e_i, e_j = self.direction, self._e_i, self._e_j
-        scale = by_alpha / (self._sine.square() + self._cosine.square() + TINY**2)
-        by_sine, by_cosine = scale * self._cosine, -scale * self._sine
+        turn, lift = by_alpha / self.upright.square(), by_upright / self.upright
+        by_sine, by_cosine = turn * self._cosine + lift * self._sine, lift * self._cosine - turn * self._sine
         up_i, up_j = by_beta / self._c_i, -by_beta / self._c_j
         # elevations and the products with y in the cosine both come through e_i and e_j
         by_e_i, by_e_j = up_i - by_cosine * e_j, up_j - by_cosine * e_i
@@ -119,12 +126,14 @@ class EdgeDeformation:
         on_y = by_sine * self._cross + by_e_i * n_i + by_e_j * n_j
         return on_i, on_j, (on_y - y * dot(y, on_y)) / self.length
 
-    def pull(self, slopes: Float[Tensor, "3 edges"]) -> Float[Tensor, "vertices 3"]:
-        """``(∂q/∂x)ᵀ slopes``: the gradient of an energy in the positions from its slopes in q."""
+    def pull(
+        self, slopes: Float[Tensor, "3 edges"], by_upright: Float[Tensor, " edges"] | float = 0.0
+    ) -> Float[Tensor, "vertices 3"]:
+        """``(∂q/∂x)ᵀ slopes``: the gradient of an energy in the positions from its slopes in q and :attr:`upright`."""
         along = slopes[0] * self.direction
         if not self.bends:
             return self.mesh.edge_corners.scatter(torch.stack([-along, along]), self.num_vertices)
-        on_i, on_j, turn = self._angle_slopes(slopes[1], slopes[2])
+        on_i, on_j, turn = self._angle_slopes(slopes[1], slopes[2], by_upright)
         along = along + turn
         on_normals = self.mesh.edge_corners.scatter(torch.stack([on_i, on_j]), self.num_vertices)
         normals = self._normals

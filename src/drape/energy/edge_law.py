@@ -12,6 +12,9 @@ from torch import Tensor, nn
 from drape.energy.eunet import EUNet
 from drape.errors import DrapeError
 
+MIRRORED = torch.tensor([1.0, -1.0, 1.0])
+"""Signs that (Δl, α, β) of a cloth have in its mirror image (FACTS 1.3)."""
+
 
 class Slopes(NamedTuple):
     """Energies of edges and their derivatives in the deformation q = (Δl, α, β)."""
@@ -74,6 +77,10 @@ class EdgeLaw(nn.Module, ABC):
 class NetworkLaw(EdgeLaw):
     """The law that the networks of a trained :class:`EUNet` are; see there and in its units for the formulas.
 
+    A fabric and its mirror image store the same energy, and mirroring negates the twist: φp is the mean of the network
+    at α and at -α. That also closes the gap between half a turn to the left and to the right where angles are scaled
+    (:class:`EdgeScale`): at a sharp fold it was a cliff in the energy.
+
     Of the dissipation units a step of any length takes the drag of the air. What they learned of rates of deformation
     is not a property of the fabric: seen frame by frame, the tension lags behind, a negative damping of the sampling's
     own making, which a step forward in time must not repeat (its amplification factor for stiff edges exceeds 1).
@@ -98,10 +105,13 @@ class NetworkLaw(EdgeLaw):
     def potential(
         self, q: Float[Tensor, "edges 3"], attributes: Float[Tensor, "edges attributes"]
     ) -> Float[Tensor, " edges"]:
-        stretch, angles = q[:, :1], q[:, 1:]
-        pairs = torch.stack([angles.cos(), angles.sin()], -1).flatten(1)
-        inputs = torch.cat([stretch, pairs], -1) if self.bends else stretch
-        return self.energy.potential.energies(inputs, attributes).to(q.dtype)
+        potential = self.energy.potential
+        if not self.bends:
+            return potential.energies(q[:, :1], attributes).to(q.dtype)
+        both = torch.cat([q, q * MIRRORED.to(q)])
+        pairs = torch.stack([both[:, 1:].cos(), both[:, 1:].sin()], -1).flatten(1)
+        energy = potential.energies(torch.cat([both[:, :1], pairs], -1), attributes.repeat(2, 1))
+        return energy.view(2, -1).mean(0).to(q.dtype)
 
     def drag(
         self, speed: Float[Tensor, " edges"], attributes: Float[Tensor, "edges attributes"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from drape.scene.mesh_batch import MeshBatch
@@ -12,6 +12,9 @@ WIDEST = 0.5 * torch.pi
 """Angles of an edge of the mesh learned on that the law is asked for at most [rad]."""
 SAME = 1e-4
 """Relative difference of scale up to which a mesh counts as the one learned on (positions are stored in float32)."""
+
+
+ALL = slice(None)
 
 
 class EdgeScale:
@@ -32,14 +35,16 @@ class EdgeScale:
         self.rest = (mesh.rest.area / faces / face_area).sqrt()
         self.same = bool(((self.rest - 1.0).abs() < SAME).all())
 
-    def at(self, q: Float[Tensor, "3 edges"]) -> tuple[Tensor | float, Float[Tensor, "2 edges"] | None]:
-        """S, and its derivatives in (α, β); a scale of exactly 1 has none."""
+    def at(
+        self, q: Float[Tensor, "3 edges"], edges: Int[Tensor, " edges"] | slice = ALL
+    ) -> tuple[Tensor | float, Float[Tensor, "2 edges"] | None]:
+        """S of ``edges``, and its derivatives in (α, β); a scale of exactly 1 has none."""
         if self.same:
             return 1.0, None
         angles = q[1:]
         # rounded up, so that nothing is divided by zero: x/tanh(x) is 1 and its slope 0 there
         size = (angles.square().sum(0) + 1e-12).sqrt()
-        rest = self.rest.to(q.dtype)
+        rest = self.rest[edges].to(q.dtype)
         x = size / (rest * WIDEST)
         cotangent = 1.0 / torch.tanh(x)
         slope = cotangent - x * (cotangent.square() - 1.0)

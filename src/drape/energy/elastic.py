@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy import sparse
 from torch import Tensor
 
 from drape.energy.baked_kernel import ElasticKernel
 from drape.energy.edge_deformation import EdgeDeformation
 from drape.energy.edge_law import EdgeLaw, Slopes
-from drape.energy.edge_scale import EdgeScale
+from drape.energy.edge_scale import ALL, EdgeScale
 from drape.energy.hessian import from_jacobian, from_stencils
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
+from drape.energy.twist_share import FADES_BELOW, twist_share
 from drape.scene.geometry import TINY
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.rest_shape import HingeShape
@@ -27,6 +28,8 @@ class ElasticEnergy(EnergyTerm):
 
     ``transfer=False``: S = 1, the paper's form, whose units know nothing of their size. ``transfer=True``: S of
     :class:`EdgeScale`, with which equal strain and curvature cost equal energy per area at any resolution.
+
+    Where a normal nearly lies along the edge α has no value, and fades out of the energy: see :func:`twist_share`.
     """
 
     name = "elastic"
@@ -38,21 +41,27 @@ class ElasticEnergy(EnergyTerm):
         self._scale: tuple[MeshBatch, EdgeScale] | None = None
         self._kernel: ElasticKernel | None = None
 
-    def _scaled(self, deformation: EdgeDeformation) -> tuple[Tensor | float, Tensor | None]:
+    def _scaled(self, q: Tensor, mesh: MeshBatch, edges: Tensor | slice) -> tuple[Tensor | float, Tensor | None]:
         if not self.transfer:
             return 1.0, None
-        if self._scale is None or self._scale[0] is not deformation.mesh:
-            self._scale = deformation.mesh, EdgeScale(deformation.mesh, self.law.face_area)
-        return self._scale[1].at(deformation.q)
+        if self._scale is None or self._scale[0] is not mesh:
+            self._scale = mesh, EdgeScale(mesh, self.law.face_area)
+        return self._scale[1].at(q, edges)
 
-    def _attributes(self, step: Step) -> Tensor:
-        return step.attributes[step.mesh.mesh_of_edge]
+    def _stored(self, q: Float[Tensor, "3 edges"], step: Step, edges: Tensor | slice = ALL) -> Tensor:
+        """``S² φp(q/S)`` of ``edges``, differentiable."""
+        scale, _ = self._scaled(q, step.mesh, edges)
+        return scale**2 * self.law.potential((q / scale).T, step.attributes[step.mesh.mesh_of_edge[edges]])
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         deformation = EdgeDeformation(x_next, step.mesh, bends=self.law.bends)
-        scale, _ = self._scaled(deformation)
-        energy = self.law.potential((deformation.q / scale).T, self._attributes(step))
-        return step.sum_stencils(scale**2 * energy, step.mesh.edges[:, 0])
+        energy = self._stored(deformation.q, step)
+        fading = self._fading(deformation)
+        if len(fading):
+            share, _ = twist_share(deformation.upright[fading])
+            untwisted = self._stored(_untwisted(deformation.q[:, fading]), step, fading)
+            energy = energy.index_copy(0, fading, torch.lerp(untwisted, energy[fading], share))
+        return step.sum_stencils(energy, step.mesh.edges[:, 0])
 
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
@@ -61,17 +70,17 @@ class ElasticEnergy(EnergyTerm):
             if self._kernel is None or self._kernel.mesh is not step.mesh:
                 self._kernel = ElasticKernel(self.law, step.mesh, transfer=self.transfer)
             return self._kernel.energy_and_gradient(x_next, step)
-        deformation, slopes, scale, turns = self._slopes(x_next, step, hessian=False)
-        energy = step.sum_stencils(scale**2 * slopes.energy, step.mesh.edges[:, 0])
-        return energy, deformation.pull(_gradient(deformation.q, slopes, scale, turns))
+        deformation, slopes, by_upright = self._slopes(x_next, step, hessian=False)
+        energy = step.sum_stencils(slopes.energy, step.mesh.edges[:, 0])
+        return energy, deformation.pull(slopes.gradient.T, by_upright)
 
     def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array:
         """``Jᵀ H₊ J + |∂φp/∂Δl|/l (I - y yᵀ)``, J = ∂q/∂x, H₊ the positive part of ∂²φp/∂q².
 
         Compressed edges are about to turn away; their curvature counts by its size, not as none: a solver would leap.
         """
-        deformation, slopes, scale, _ = self._slopes(x_next, step, hessian=True)
-        tension = (scale * slopes.gradient[:, 0] / deformation.length).abs()
+        deformation, slopes, _ = self._slopes(x_next, step, hessian=True)
+        tension = (slopes.gradient[:, 0] / deformation.length).abs()
         string = deformation.spring_blocks(torch.zeros_like(tension), tension)
         turning = from_stencils(step.mesh.edges, string, len(x_next))
         return from_jacobian(deformation.jacobian(), slopes.hessian) + turning
@@ -82,9 +91,9 @@ class ElasticEnergy(EnergyTerm):
         α and β go through vertex normals and couple all neighbours of both ends. For waves much longer than an edge
         they cost what a hinge of ``HINGE (φ_αα + φ_ββ)`` costs; for shorter ones less.
         """
-        deformation, slopes, scale, _ = self._slopes(x_next, step, hessian=True)
+        deformation, slopes, _ = self._slopes(x_next, step, hessian=True)
         stiffness = slopes.hessian.diagonal(dim1=1, dim2=2).clamp(min=0.0)
-        tension = (scale * slopes.gradient[:, 0] / deformation.length).abs()
+        tension = (slopes.gradient[:, 0] / deformation.length).abs()
         pieces = [Stencils(step.mesh.edges, deformation.spring_blocks(stiffness[:, 0], tension))]
         if self.law.bends:
             corners = step.mesh.rest_hinges.corners
@@ -97,11 +106,52 @@ class ElasticEnergy(EnergyTerm):
 
     def _slopes(
         self, x_next: Tensor, step: Step, *, hessian: bool
-    ) -> tuple[EdgeDeformation, Slopes, Tensor | float, Tensor | None]:
+    ) -> tuple[EdgeDeformation, Slopes, Tensor | float]:
+        """Energies of the edges with their slopes in q, and those in ``upright``."""
         deformation = EdgeDeformation(x_next.detach(), step.mesh, bends=self.law.bends)
-        scale, turns = self._scaled(deformation)
-        slopes = self.law.potential_slopes((deformation.q / scale).T, self._attributes(step), hessian=hessian)
-        return deformation, slopes, scale, turns
+        slopes = self._slopes_at(deformation.q, step, ALL, hessian)
+        fading = self._fading(deformation)
+        if not len(fading):
+            return deformation, slopes, 0.0
+        untwisted = self._slopes_at(_untwisted(deformation.q[:, fading]), step, fading, hessian)
+        share, rise = twist_share(deformation.upright[fading])
+        by_upright = torch.zeros_like(slopes.energy)
+        by_upright[fading] = rise * (slopes.energy[fading] - untwisted.energy)
+        return deformation, _faded(slopes, untwisted, fading, share), by_upright
+
+    def _fading(self, deformation: EdgeDeformation) -> Int[Tensor, " fading"]:
+        """Edges whose twist does not count in full."""
+        if not self.law.bends:
+            return deformation.mesh.edges.new_zeros(0)
+        return (deformation.upright.detach() < FADES_BELOW).nonzero()[:, 0]
+
+    def _slopes_at(self, q: Float[Tensor, "3 edges"], step: Step, edges: Tensor | slice, hessian: bool) -> Slopes:
+        """Of ``S² φp(q/S)``; the Hessian with S held."""
+        scale, turns = self._scaled(q, step.mesh, edges)
+        attributes = step.attributes[step.mesh.mesh_of_edge[edges]]
+        slopes = self.law.potential_slopes((q / scale).T, attributes, hessian=hessian)
+        return Slopes(scale**2 * slopes.energy, _gradient(q, slopes, scale, turns).T, slopes.hessian)
+
+
+def _untwisted(q: Float[Tensor, "3 edges"]) -> Float[Tensor, "3 edges"]:
+    return torch.stack([q[0], torch.zeros_like(q[1]), q[2]])
+
+
+def _faded(
+    slopes: Slopes, untwisted: Slopes, fading: Int[Tensor, " fading"], share: Float[Tensor, " fading"]
+) -> Slopes:
+    """``share`` of the slopes of the edges ``fading``, the rest from those without twist, which has no slope there."""
+    kept = torch.tensor([1.0, 0.0, 1.0], dtype=share.dtype, device=share.device)
+    without = untwisted.energy, untwisted.gradient * kept, untwisted.hessian
+    if untwisted.hessian is not None:
+        without = (*without[:2], untwisted.hessian * kept[:, None] * kept)
+    mixed = []
+    for full, other in zip(slopes, without, strict=True):
+        if full is not None:
+            weight = share.view(-1, *[1] * (full.dim() - 1))
+            full = full.index_copy(0, fading, torch.lerp(other, full[fading], weight))
+        mixed.append(full)
+    return Slopes(*mixed)
 
 
 def _gradient(

@@ -46,7 +46,24 @@ def inside_fraction(
     search_range: float,
 ) -> float:
     """Share of the vertices that are inside the body."""
-    return float((_near(x, faces, body, search_range).distance < 0).sum()) / len(x)
+    return float((depth_inside(x, faces, body, search_range) > 0).mean())
+
+
+def depth_inside(
+    x: Float[np.ndarray, "vertices 3"],
+    faces: Int[np.ndarray, "faces 3"],
+    body: Float[np.ndarray, "body_vertices 3"],
+    search_range: float,
+) -> Float[np.ndarray, " vertices"]:
+    """How far each vertex is inside a closed body [m]; 0 where it is outside, or deeper than ``search_range`` [m].
+
+    The signed distance to the nearest face, its sign from all faces that share the closest point: see
+    :meth:`NearestFaces.find`.
+    """
+    near = _near(x, faces, body, search_range)
+    depth = np.zeros(len(x))
+    depth[near.vertices.numpy()] = near.distance.clamp(max=0.0).abs().numpy()
+    return depth
 
 
 def _near(x: np.ndarray, faces: np.ndarray, body: np.ndarray, search_range: float) -> NearestFaces:
