@@ -41,12 +41,24 @@ def from_stencils(
     num_vertices: int,
 ) -> sparse.csr_array:
     """The sum of ``blocks`` on the coordinates of their ``vertices``, ``3 num_vertices`` square."""
+    if vertices.shape[1] == 1:
+        return _block_diagonal(vertices[:, 0], blocks[:, 0, :, 0], num_vertices)
     if vertices not in _patterns:
         _patterns[vertices] = _Pattern.of(vertices, num_vertices)
     pattern, size = _patterns[vertices], 3 * num_vertices
     entries = blocks.detach().double().cpu().permute(1, 2, 3, 4, 0).reshape(-1)
     data = entries.new_zeros(len(pattern.indices)).scatter_add_(0, pattern.place, entries)
     return sparse.csr_array((data.numpy(), pattern.indices, pattern.indptr), (size, size))
+
+
+def _block_diagonal(
+    vertices: Int[Tensor, " stencils"], blocks: Float[Tensor, "stencils 3 3"], num_vertices: int
+) -> sparse.csr_array:
+    """All blocks are there, whichever vertices they are of: as contacts come and go, the places of entries stay."""
+    entries = blocks.detach().double().cpu()
+    data = entries.new_zeros(num_vertices, 3, 3).index_add_(0, vertices.cpu(), entries)
+    rows = np.arange(num_vertices + 1)
+    return sparse.bsr_array((data.numpy(), rows[:-1], rows), (3 * num_vertices,) * 2).tocsr()
 
 
 def from_jacobian(

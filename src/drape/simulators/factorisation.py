@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import weakref
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,57 +20,133 @@ except ImportError:
 
 SHIFTS = (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 1.0)
 """Shares of the diagonal that are added to it, one after the other, until the matrix is positive definite."""
+Solve = Callable[[Float[np.ndarray, " rows"]], Float[np.ndarray, " rows"]]
 
 
 class Factorisation:
     """``A = L Lᵀ`` once, ``A z = b`` many times; PARDISO where it is installed, else SciPy's SuperLU.
 
+    Matrices come one after the other: :meth:`factorise` forgets the one before, and keeps what can be known from the
+    places of the entries alone where these are the same.
+
     Pieces that are a sum of squares add up to something indefinite where they span more orders of magnitude than the
     floating-point numbers, as at needles. Rounding is relative to the diagonal, so a share of that mends it.
-
-    Raises:
-        ArithmeticError: the matrix is not finite, or indefinite beyond rounding.
     """
 
-    def __init__(self, matrix: sparse.csr_array):
+    def __init__(self) -> None:
+        self.library = "SuperLU" if PyPardisoSolver is None else "PARDISO"
+        self._kept = _SuperLU() if PyPardisoSolver is None else _Pardiso()
+        self.close = weakref.finalize(self, self._kept.close)  # at the latest when nobody needs the factors any more
+
+    def factorise(self, matrix: sparse.csr_array) -> None:
+        """Take ``matrix``, of which both triangles are there.
+
+        Raises:
+            ArithmeticError: the matrix is not finite, or indefinite beyond rounding.
+        """
         if not np.isfinite(matrix.data).all():
             raise ArithmeticError("the matrix is not finite")
-        self.library = "SuperLU" if PyPardisoSolver is None else "PARDISO"
-        factorised = _superlu if PyPardisoSolver is None else _pardiso
-        diagonal = sparse.diags_array(matrix.diagonal(), format="csr")
         for shift in SHIFTS:
-            found = factorised(matrix + shift * diagonal if shift else matrix)
-            if found is not None:
-                self.solve, close = found
-                self.close = weakref.finalize(self, close)  # at the latest when nobody needs the factors any more
+            shifted = matrix + shift * sparse.diags_array(matrix.diagonal(), format="csr") if shift else matrix
+            if self._kept.factorise(shifted):
                 return
         raise ArithmeticError("the matrix is not positive definite")
 
-
-Solve = Callable[[Float[np.ndarray, " rows"]], Float[np.ndarray, " rows"]]
-Close = Callable[[], None]
-"""Frees memory that Python does not manage."""
-
-
-def _superlu(matrix: sparse.csr_array) -> tuple[Solve, Close] | None:
-    """Solve and close; None where the matrix is not positive definite."""
-    options = {"SymmetricMode": True}
-    try:
-        factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    except RuntimeError:  # singular
-        return None
-    return (factors.solve, lambda: None) if (factors.U.diagonal() > 0).all() else None
+    def solve(self, right: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        """``A⁻¹ right`` of the last matrix."""
+        return self._kept.solve(right)
 
 
-def _pardiso(matrix: sparse.csr_array) -> tuple[Solve, Close] | None:
-    upper = sparse.csr_matrix(sparse.triu(matrix, format="csr"))
-    upper.sort_indices()
-    solver = PyPardisoSolver(mtype=2)
-    os.environ.setdefault("PYPARDISO_MKL_RT", solver.libmkl._name)  # or every solver searches the disk for it
-    try:
-        solver.factorize(upper)
-    except PyPardisoError:
-        solver.free_memory(everything=True)
-        return None
-    solver._is_already_factorized = lambda _: True  # it would compare all entries in each solve
-    return lambda b: solver.solve(upper, b), lambda: solver.free_memory(everything=True)
+class _SuperLU:
+    solve: Solve
+
+    def factorise(self, matrix: sparse.csr_array) -> bool:
+        """False where the matrix is not positive definite."""
+        options = {"SymmetricMode": True}
+        try:
+            factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+        except RuntimeError:  # singular
+            return False
+        self.solve = factors.solve
+        return bool((factors.U.diagonal() > 0).all())
+
+    def close(self) -> None:
+        """There is no memory that Python does not manage."""
+
+
+class _Entries(NamedTuple):
+    """What PARDISO is told of a matrix."""
+
+    shape: tuple[int, int]
+    indptr: np.ndarray
+    indices: np.ndarray
+    data: np.ndarray
+
+
+class _Pardiso:
+    """PARDISO in single precision where that is enough, which takes half the time, else in double.
+
+    Directions of descent need a few digits; what a step of a solver misses, the next one finds.
+    """
+
+    ENOUGH = 1e-3
+    """Largest ``|A z - b| / |b|`` of a random b."""
+    ANALYSE, FACTORISE, SOLVE = 11, 22, 33
+    """Phases of PARDISO: order the unknowns by the places of the entries, factorise, solve."""
+
+    def __init__(self) -> None:
+        self._solver = PyPardisoSolver(mtype=2)  # real, symmetric, positive definite
+        os.environ.setdefault("PYPARDISO_MKL_RT", self._solver.libmkl._name)  # or all others search the disk for it
+        self._entries: _Entries | None = None
+
+    def factorise(self, matrix: sparse.csr_array) -> bool:
+        """False where the matrix is not positive definite."""
+        upper = sparse.triu(matrix, format="csr")
+        upper.sort_indices()
+        right = np.random.default_rng(0).standard_normal(matrix.shape[0])
+        for kind in (np.float32, np.float64):
+            if self._factorise(upper, kind):
+                missed = np.linalg.norm(matrix @ self.solve(right) - right)
+                if kind is np.float64 or missed <= self.ENOUGH * np.linalg.norm(right):
+                    return True
+        return False
+
+    def _factorise(self, upper: sparse.csr_array, kind: type) -> bool:
+        with np.errstate(over="ignore"):
+            entries = _Entries(upper.shape, upper.indptr, upper.indices, upper.data.astype(kind))
+        if not np.isfinite(entries.data).all():
+            return False
+        before, self._entries = self._entries, entries
+        try:
+            if before is None or not _alike(before, entries):
+                self._solver.free_memory(everything=True)
+                for number, value in {1: 1, 2: 2, 28: int(kind is np.float32)}.items():
+                    self._solver.set_iparm(number, value)  # 1: no defaults, as refinement; 2: METIS orders; 28: single
+                self._call(self.ANALYSE, np.zeros(upper.shape[0]))
+            self._call(self.FACTORISE, np.zeros(upper.shape[0]))
+        except PyPardisoError:
+            self.close()
+            return False
+        return True
+
+    def _call(self, phase: int, right: np.ndarray) -> np.ndarray:
+        """What is public of the solver compares all entries in each solve, and knows double precision only."""
+        self._solver.set_phase(phase)
+        return self._solver._call_pardiso(self._entries, right.astype(self._entries.data.dtype))
+
+    def solve(self, right: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        return self._call(self.SOLVE, right).astype(np.float64)
+
+    def close(self) -> None:
+        """Free the factors."""
+        self._solver.free_memory(everything=True)
+        self._entries = None
+
+
+def _alike(one: _Entries, other: _Entries) -> bool:
+    """The same places, in the same precision: the unknowns need no new order."""
+    return (
+        one.data.dtype == other.data.dtype
+        and np.array_equal(one.indptr, other.indptr)
+        and np.array_equal(one.indices, other.indices)
+    )

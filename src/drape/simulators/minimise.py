@@ -44,7 +44,7 @@ class Minimiser:
         self.potential = potential
         self.free = free
         self._slots = np.flatnonzero(np.repeat(free.cpu().numpy(), 3))
-        self._factors: Factorisation | None = None
+        self._factors = Factorisation()
         self._dt = 0.0
         self._rough = True
         self.factorisations = 0
@@ -114,9 +114,8 @@ class Minimiser:
 
     def _factorise(self, x: Tensor, step: Step) -> None:
         matrix = self.potential.hessian(x, step, rough=self._rough)[self._slots][:, self._slots]
-        if self._factors is not None:
-            self._factors.close()
-        self._factors, self._dt = Factorisation(matrix), step.dt
+        self._factors.factorise(matrix)
+        self._dt = step.dt
         self.factorisations += 1
 
     def _solve(self, gradient: Tensor) -> Tensor:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,22 +45,30 @@ def first_frame(scene: Scene) -> State:
 
 def roll_out(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Rollout:
     """Simulate the frames that ``writer`` does not have yet, with a progress bar; each is stored as it is done."""
-    if writer.num_frames == 0:
-        writer.append(first_frame(scene))
     outcomes, seconds = Counter(), []
-    state = writer.state(writer.num_frames - 1)
-    done = writer.num_frames - 1
+    done = max(writer.num_frames - 1, 0)
     with tqdm(total=scene.frames, initial=done, desc=f"animating {scene.name}", unit=" frames", file=sys.stderr) as bar:
-        for frame in range(done, scene.frames):
-            began = time.perf_counter()
-            result = simulator.step(state, frame)
-            seconds.append(time.perf_counter() - began)
-            state = result.state
-            writer.append(state, _numbers(result, seconds[-1], scene, frame + 1))
-            outcomes[result.outcome] += 1
+        for outcome, took in frames(simulator, scene, writer):
+            outcomes[outcome] += 1
+            seconds.append(took)
             bar.set_postfix_str(f"{1e3 * np.median(seconds):.0f} ms/frame")
             bar.update()
     return Rollout(outcomes, seconds)
+
+
+def frames(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Iterator[tuple[Outcome, float]]:
+    """Simulate the frames that ``writer`` does not have yet; each is stored, then said how it ended and took [s]."""
+    if writer.num_frames == 0:
+        writer.append(first_frame(scene))
+    done = writer.num_frames - 1
+    state = writer.state(done)
+    for frame in range(done, scene.frames):
+        began = time.perf_counter()
+        result = simulator.step(state, frame)
+        seconds = time.perf_counter() - began
+        state = result.state
+        writer.append(state, _numbers(result, seconds, scene, frame + 1))
+        yield result.outcome, seconds
 
 
 def _numbers(result: StepResult, seconds: float, scene: Scene, frame: int) -> dict[str, float]:

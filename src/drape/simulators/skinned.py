@@ -1,0 +1,64 @@
+"""The garment as the body carries it, without dynamics: linear blend skinning."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from drape.data.garment_scene import START
+from drape.data.garment_sequence import GarmentSequence
+from drape.errors import DrapeError
+from drape.scene.follow import follow
+from drape.scene.scene import Scene
+from drape.scene.state import State
+from drape.simulators.baseline import Baseline
+
+STARTS = ("recorded", "rest")
+
+
+class Skinned(Baseline):
+    """``x_k = M_k M_0⁻¹ x_0`` with ``M = Σ w_j T_j`` the blended transforms of the joints at each vertex.
+
+    ``start``: what is carried. ``recorded`` is the recorded garment at the start of the scene, as every simulator
+    starts from it, so that errors begin at zero; where the data have no joints, each vertex is carried by the face of
+    the body that is nearest then. ``rest`` is the rest shape of the garment, ``x_k = M_k X``, as a skinning model draws
+    it.
+
+    Raises:
+        DrapeError: an unknown start, or no skinning weights for ``rest``.
+    """
+
+    def __init__(self, scene: Scene, sequence: GarmentSequence, start: str = "recorded"):
+        super().__init__(scene, sequence)
+        if start not in STARTS:
+            raise DrapeError(f"simulator.start: found {start!r}; expected {' or '.join(STARTS)}")
+        if start == "rest" and sequence.skinned is None:
+            raise DrapeError(
+                f"{sequence.file.path}: sequences/{sequence.name}: has no skinning weights of the garment; "
+                "simulator.start=rest expects them; choose simulator.start=recorded, which the nearest faces carry"
+            )
+        if start == "rest":
+            self.frames = sequence.skinned[START:]
+        elif sequence.skinned is None:
+            self.frames = follow(scene.obstacle, scene.initial.x)
+        else:
+            self.frames = _carried(scene, sequence)
+
+    def positions(self, state: State, frame: int) -> Float[np.ndarray, "vertices 3"]:
+        return self.frames[frame + 1]
+
+
+def _carried(scene: Scene, sequence: GarmentSequence) -> Float[np.ndarray, "frames vertices 3"]:
+    """``M_k M_0⁻¹ x_0`` of each vertex."""
+    bones, weights = (sequence.file.array(f"garments/{sequence.garment}/{name}") for name in ("bones", "weights"))
+    transforms = sequence.transforms[START : START + scene.frames + 1]
+    local = np.linalg.solve(_blended(transforms[0], bones, weights), _homogeneous(scene.initial.x)[..., None])
+    return np.stack([(_blended(each, bones, weights) @ local)[:, :3, 0] for each in transforms])
+
+
+def _blended(transforms: np.ndarray, bones: np.ndarray, weights: np.ndarray) -> Float[np.ndarray, "vertices 4 4"]:
+    return np.einsum("vb,vbij->vij", weights, transforms[bones])
+
+
+def _homogeneous(x: Float[np.ndarray, "vertices 3"]) -> Float[np.ndarray, "vertices 4"]:
+    return np.concatenate([x, np.ones((len(x), 1))], axis=1)
