@@ -21,7 +21,7 @@ def test_one_matrix_after_the_other(stiffness):
     """The same places with other values, then other places; from well to badly conditioned, beyond single precision."""
     factors = Factorisation()
     for matrix in (chain(1.0), chain(stiffness), 3.0 * chain(stiffness), chain(stiffness, 41)):
-        factors.factorise(matrix)
+        factors.factorise(sparse.triu(matrix, format="csr"))
         right = np.linspace(-1.0, 2.0, matrix.shape[0])
         missed = np.linalg.norm(matrix @ factors.solve(right) - right)
         assert missed < 2e-3 * np.linalg.norm(right)
@@ -30,16 +30,16 @@ def test_one_matrix_after_the_other(stiffness):
 def test_what_cannot_be_factorised_is_said():
     factors = Factorisation()
     with pytest.raises(ArithmeticError, match="not positive definite"):
-        factors.factorise(chain(1.0) - 9.0 * sparse.eye_array(30, format="csr"))
+        factors.factorise(sparse.triu(chain(1.0) - 9.0 * sparse.eye_array(30), format="csr"))
     with pytest.raises(ArithmeticError, match="not finite"):
         factors.factorise(chain(np.nan))
-    factors.factorise(chain(1.0))
+    factors.factorise(sparse.triu(chain(1.0), format="csr"))
     np.testing.assert_allclose(chain(1.0) @ factors.solve(np.ones(30)), np.ones(30), atol=1e-4)
 
 
 def test_factors_are_freed_with_their_owner():
     factors = Factorisation()
-    factors.factorise(chain(1.0))
+    factors.factorise(sparse.triu(chain(1.0), format="csr"))
     close = factors.close
     assert close.alive
     del factors

@@ -1,7 +1,8 @@
-"""Sparse Hessians from small pieces."""
+"""Sparse Hessians from small pieces; symmetric, so only their upper triangles are kept."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,62 +10,87 @@ import torch
 from jaxtyping import Float, Int
 from scipy import sparse
 from torch import Tensor
-from torch.utils.weak import WeakTensorKeyDictionary
+
+Piece = tuple[Int[Tensor, "_ _"], Float[Tensor, "_ _ 3 _ 3"]]
+"""``stencils corners`` vertices, and the ``stencils corners 3 corners 3`` blocks on their coordinates."""
 
 
 class _Pattern(NamedTuple):
-    """Where the entries of the blocks of some stencils stand in the data of a sparse matrix."""
+    """Where the entries of some stencils stand in the data of the upper triangle of a sparse matrix."""
 
-    place: Int[Tensor, " entries"]
+    places: list[Int[Tensor, " entries"]]
+    """Of each set of stencils."""
+    diagonal: Int[Tensor, "vertices pairs"]
+    """Of the block of each vertex on the diagonal; all are there, whichever vertices stencils are of."""
     indices: np.ndarray
     indptr: np.ndarray
 
     @classmethod
-    def of(cls, vertices: Int[Tensor, "stencils corners"], num_vertices: int) -> _Pattern:
-        slots = 3 * vertices.cpu().T[:, None] + torch.arange(3)[:, None]
-        shape = (*slots.shape[:2], *slots.shape)
+    def of(cls, vertices: Sequence[Int[Tensor, "_ _"]], num_vertices: int) -> _Pattern:
         size = 3 * num_vertices
-        keys = (slots[:, :, None, None] * size + slots).expand(shape).reshape(-1)
-        found, place = torch.unique(keys, return_inverse=True)
+        keys = [_keys(some, size) for some in (*vertices, torch.arange(num_vertices)[:, None])]
+        found, place = torch.unique(torch.cat([some.reshape(-1) for some in keys]), return_inverse=True)
         counts = torch.bincount(found // size, minlength=size)
         indptr = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
-        return cls(place, (found % size).int().numpy(), indptr.int().numpy())
+        *places, diagonal = place.split([some.numel() for some in keys])
+        return cls(places, diagonal.view(-1, num_vertices).T, (found % size).int().numpy(), indptr.int().numpy())
 
 
-_patterns: WeakTensorKeyDictionary = WeakTensorKeyDictionary()
-"""Found once for each tensor of vertices, as long as it lives: finding it costs several times what filling it does."""
+def _pairs(corners: int) -> Int[Tensor, "2 pairs"]:
+    """Row and column of the upper triangle of a block: each pair of coordinates once."""
+    return torch.triu_indices(3 * corners, 3 * corners)
 
 
-def from_stencils(
-    vertices: Int[Tensor, "stencils corners"],
-    blocks: Float[Tensor, "stencils corners 3 corners 3"],
-    num_vertices: int,
-) -> sparse.csr_array:
-    """The sum of ``blocks`` on the coordinates of their ``vertices``, ``3 num_vertices`` square."""
-    if vertices.shape[1] == 1:
-        return _block_diagonal(vertices[:, 0], blocks[:, 0, :, 0], num_vertices)
-    if vertices not in _patterns:
-        _patterns[vertices] = _Pattern.of(vertices, num_vertices)
-    pattern, size = _patterns[vertices], 3 * num_vertices
-    entries = blocks.detach().double().cpu().permute(1, 2, 3, 4, 0).reshape(-1)
-    data = entries.new_zeros(len(pattern.indices)).scatter_add_(0, pattern.place, entries)
-    return sparse.csr_array((data.numpy(), pattern.indices, pattern.indptr), (size, size))
+def _keys(vertices: Int[Tensor, "stencils corners"], size: int) -> Int[Tensor, "pairs stencils"]:
+    """Row times ``size`` plus column, in the upper triangle, of each pair of coordinates of each stencil."""
+    slots = (3 * vertices.cpu()[:, :, None] + torch.arange(3)).flatten(1).T
+    ends = slots[_pairs(vertices.shape[1])]
+    return ends.amin(0) * size + ends.amax(0)
 
 
-def _block_diagonal(
-    vertices: Int[Tensor, " stencils"], blocks: Float[Tensor, "stencils 3 3"], num_vertices: int
-) -> sparse.csr_array:
-    """All blocks are there, whichever vertices they are of: as contacts come and go, the places of entries stay."""
-    entries = blocks.detach().double().cpu()
-    data = entries.new_zeros(num_vertices, 3, 3).index_add_(0, vertices.cpu(), entries)
-    rows = np.arange(num_vertices + 1)
-    return sparse.bsr_array((data.numpy(), rows[:-1], rows), (3 * num_vertices,) * 2).tocsr()
+class StencilSum:
+    """Adds up stencils, and remembers where entries go as long as the tensors of their vertices are the same ones.
+
+    Finding the places costs several times what filling them does. Stencils of one vertex, as contacts, may change:
+    they stand on the diagonal, whose places are always there.
+    """
+
+    def __init__(self) -> None:
+        self._vertices: list[Tensor] = []
+        self._pattern: _Pattern | None = None
+
+    def upper(self, pieces: Sequence[Piece], num_vertices: int) -> sparse.csr_array:
+        """The upper triangle of the sum of ``pieces``, ``3 num_vertices`` square."""
+        several = [piece for piece in pieces if piece[0].shape[1] > 1]
+        vertices = [piece[0] for piece in several]
+        if self._pattern is None or not self._fits(vertices, num_vertices):
+            self._vertices, self._pattern = vertices, _Pattern.of(vertices, num_vertices)
+        pattern = self._pattern
+        data = torch.zeros(len(pattern.indices), dtype=torch.float64)
+        for (_, blocks), place in zip(several, pattern.places, strict=True):
+            data.scatter_add_(0, place, _entries(blocks).reshape(-1))
+        for some, blocks in pieces:
+            if some.shape[1] == 1:
+                place = pattern.diagonal[some[:, 0].cpu()].T
+                data.scatter_add_(0, place.reshape(-1), _entries(blocks).reshape(-1))
+        return sparse.csr_array((data.numpy(), pattern.indices, pattern.indptr), (3 * num_vertices,) * 2)
+
+    def _fits(self, vertices: list[Tensor], num_vertices: int) -> bool:
+        same = len(vertices) == len(self._vertices) and num_vertices == len(self._pattern.diagonal)
+        return same and all(one is other for one, other in zip(vertices, self._vertices, strict=True))
+
+
+def _entries(blocks: Float[Tensor, "stencils corners 3 corners 3"]) -> Float[Tensor, "pairs stencils"]:
+    corners = blocks.shape[1]
+    together = blocks.detach().double().cpu().permute(1, 2, 3, 4, 0).reshape(9 * corners**2, -1)
+    row, column = _pairs(corners)
+    return together[3 * corners * row + column]
 
 
 def from_jacobian(
     jacobian: tuple[sparse.csr_array, ...], curvature: Float[Tensor, "pieces features features"]
 ) -> sparse.csr_array:
-    """``Jᵀ C₊ J`` with C₊ the positive semi-definite part of the ``curvature`` of each piece in its features.
+    """The upper triangle of ``Jᵀ C₊ J``, C₊ the positive semi-definite part of the ``curvature`` of each piece.
 
     ``jacobian[k]`` is ∂feature_k/∂x, a row a piece; there may be fewer of them than ``curvature`` has features.
     """
@@ -77,4 +103,4 @@ def from_jacobian(
         for mode in range(count)
     ]
     stacked = sparse.vstack(scaled, format="csr")
-    return (stacked.T @ stacked).tocsr()
+    return sparse.triu(stacked.T @ stacked, format="csr")

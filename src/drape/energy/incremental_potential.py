@@ -15,6 +15,7 @@ from drape.energy.contact import Contact
 from drape.energy.external import ExternalForce
 from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
+from drape.energy.hessian import StencilSum
 from drape.energy.inertia import Inertia
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm
@@ -43,6 +44,7 @@ class IncrementalPotential(nn.Module):
         super().__init__()
         self.terms = nn.ModuleList(terms)
         self.reasons = reasons or {}
+        self._stencils = StencilSum()
 
     @classmethod
     def for_scene(
@@ -94,7 +96,15 @@ class IncrementalPotential(nn.Module):
         return Evaluation(sum(energies.values()), total, energies)
 
     def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step, *, rough: bool = False) -> sparse.csr_array:
-        """A positive definite approximation of the Hessian, ``3 vertices`` square; ``rough``: sparser if possible."""
-        size = 3 * len(x_next)
-        parts = (term.rough_hessian(x_next, step) if rough else term.hessian(x_next, step) for term in self.terms)
-        return sum(parts, sparse.csr_array((size, size)))
+        """A positive definite approximation of the Hessian, ``3 vertices`` square; ``rough``: sparser if possible.
+
+        Only the upper triangle is there.
+        """
+        pieces, total = [], 0
+        for term in self.terms:
+            better = None if rough else term.hessian(x_next, step)
+            if better is None:
+                pieces += term.stencils(x_next, step)
+            else:
+                total = total + better
+        return total + self._stencils.upper(pieces, len(x_next))

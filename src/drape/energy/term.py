@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from scipy import sparse
 from torch import Tensor, nn
 
-from drape.energy.hessian import from_stencils
+from drape.energy.hessian import StencilSum
 from drape.energy.step import Step
 
 
@@ -50,12 +50,10 @@ class EnergyTerm(nn.Module, ABC):
         """A positive semi-definite approximation of the Hessian at ``x_next``, piece by piece; [] where it is zero."""
         return []
 
-    def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array:
-        """The best such approximation as one matrix, ``3 vertices`` square; here that of the stencils."""
-        return self.rough_hessian(x_next, step)
+    def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array | None:
+        """A better approximation than the stencils', as :meth:`rough_hessian`; None where there is none."""
+        return None
 
     def rough_hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array:
-        """The stencils as one matrix, ``3 vertices`` square."""
-        pieces = [from_stencils(*piece, len(x_next)) for piece in self.stencils(x_next, step)]
-        size = 3 * len(x_next)
-        return sum(pieces, sparse.csr_array((size, size)))
+        """The stencils as one matrix, ``3 vertices`` square, of which the upper triangle is there."""
+        return StencilSum().upper(self.stencils(x_next, step), len(x_next))

@@ -38,16 +38,16 @@ class Factorisation:
         self._kept = _SuperLU() if PyPardisoSolver is None else _Pardiso()
         self.close = weakref.finalize(self, self._kept.close)  # at the latest when nobody needs the factors any more
 
-    def factorise(self, matrix: sparse.csr_array) -> None:
-        """Take ``matrix``, of which both triangles are there.
+    def factorise(self, upper: sparse.csr_array) -> None:
+        """Take the symmetric ``matrix`` of which the upper triangle is given, the diagonal in it.
 
         Raises:
             ArithmeticError: the matrix is not finite, or indefinite beyond rounding.
         """
-        if not np.isfinite(matrix.data).all():
+        if not np.isfinite(upper.data).all():
             raise ArithmeticError("the matrix is not finite")
         for shift in SHIFTS:
-            shifted = matrix + shift * sparse.diags_array(matrix.diagonal(), format="csr") if shift else matrix
+            shifted = upper + shift * sparse.diags_array(upper.diagonal(), format="csr") if shift else upper
             if self._kept.factorise(shifted):
                 return
         raise ArithmeticError("the matrix is not positive definite")
@@ -60,8 +60,9 @@ class Factorisation:
 class _SuperLU:
     solve: Solve
 
-    def factorise(self, matrix: sparse.csr_array) -> bool:
+    def factorise(self, upper: sparse.csr_array) -> bool:
         """False where the matrix is not positive definite."""
+        matrix = upper + sparse.triu(upper, 1).T
         options = {"SymmetricMode": True}
         try:
             factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
@@ -99,14 +100,14 @@ class _Pardiso:
         os.environ.setdefault("PYPARDISO_MKL_RT", self._solver.libmkl._name)  # or all others search the disk for it
         self._entries: _Entries | None = None
 
-    def factorise(self, matrix: sparse.csr_array) -> bool:
+    def factorise(self, upper: sparse.csr_array) -> bool:
         """False where the matrix is not positive definite."""
-        upper = sparse.triu(matrix, format="csr")
         upper.sort_indices()
-        right = np.random.default_rng(0).standard_normal(matrix.shape[0])
+        right = np.random.default_rng(0).standard_normal(upper.shape[0])
         for kind in (np.float32, np.float64):
             if self._factorise(upper, kind):
-                missed = np.linalg.norm(matrix @ self.solve(right) - right)
+                found = self.solve(right)
+                missed = np.linalg.norm(upper @ found + found @ upper - upper.diagonal() * found - right)
                 if kind is np.float64 or missed <= self.ENOUGH * np.linalg.norm(right):
                     return True
         return False

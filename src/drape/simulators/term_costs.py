@@ -29,7 +29,7 @@ def term_costs(potential: IncrementalPotential, step: Step) -> list[TermCost]:
 
     def cost(term: object) -> TermCost:
         seconds = _median(lambda: term.energy_and_gradient(step.x, step))
-        hessian = _median(lambda: term.hessian(step.x, step))
+        hessian = _median(lambda: term.rough_hessian(step.x, step))
         return TermCost(term.name, potential.reasons.get(term.name, ""), seconds, hessian)
 
     return [cost(term) for term in potential.terms]
