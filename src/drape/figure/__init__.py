@@ -1,0 +1,1 @@
+"""A parametric human body from code: surface, skeleton, skinning, motions."""
