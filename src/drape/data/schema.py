@@ -108,7 +108,15 @@ def check_field(file: h5py.File, path: Path, field: Field, lengths: dict[str, in
     Raises:
         DrapeError: path, name, what was found, what was expected.
     """
-    dataset = file.get(field.name)
+    check_dataset(file.get(field.name), path, field, lengths)
+
+
+def check_dataset(dataset: object, path: Path, field: Field, lengths: dict[str, int]) -> None:
+    """As :func:`check_field`, of what was found under the name of the field.
+
+    Raises:
+        DrapeError: as :func:`check_field`.
+    """
     dims = ", ".join(str(lengths.get(dim, dim)) for dim in field.dims)
     expected = f"expected {field.dtype} of shape ({dims})"
     if not isinstance(dataset, h5py.Dataset):
