@@ -52,18 +52,18 @@ def moved_objects(look: Look, move: Callable[[bpy.types.Object, Positions, int],
     return [cloth, body]
 
 
-def move_by_cache(folder: Path) -> Callable[[bpy.types.Object, Positions, int], None]:
-    """Let objects follow a point cache (PC2, float32) that is written below ``folder``."""
+def move_by_cache(folder: Path, first: int = 0) -> Callable[[bpy.types.Object, Positions, int], None]:
+    """Let objects follow a point cache (PC2, float32), written below ``folder``, from the frame ``first`` on."""
 
     def move(moving: bpy.types.Object, positions: Positions, frames: int) -> None:
         path = folder / f"{moving.name}.pc2"
         with open(path, "wb") as file:
-            vertices, first, every = len(moving.data.vertices), 0.0, 1.0
+            vertices, every = len(moving.data.vertices), 1.0
             file.write(struct.pack("<12siiffi", b"POINTCACHE2\0", 1, vertices, first, every, frames))
             for frame in range(frames):
                 file.write(positions(frame).astype("<f4").tobytes())
         cache = moving.modifiers.new("cache", "MESH_CACHE")
-        cache.cache_format, cache.filepath, cache.frame_start = "PC2", str(path), 0.0
+        cache.cache_format, cache.filepath, cache.frame_start = "PC2", str(path), float(first)
         cache.forward_axis, cache.up_axis = "POS_Y", "POS_Z"
 
     return move

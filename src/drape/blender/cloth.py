@@ -46,20 +46,32 @@ def simulated_frames(
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.use_gravity = True
-    cloth = _cloth_object(rest_positions, faces, pinned, start)
-    modifier = _cloth_modifier(cloth, settings, pinned, frames=len(acceleration) + 1)
-    modifier.settings.rest_shape_key = cloth.data.shape_keys.key_blocks["rest"]
+    cloth = cloth_object(rest_positions, faces, pinned, start)
+    modifier = cloth_modifier(cloth, settings, pinned, frames=len(acceleration) + 1)
+    modifier.collision_settings.use_collision = False
+    modifier.collision_settings.use_self_collision = False
     for frame in range(len(acceleration) + 1):
         if frame > 0:
             scene.gravity = acceleration[frame - 1] * CLOCK / fps**2
         scene.frame_set(frame + 1)
-        evaluated = cloth.evaluated_get(bpy.context.evaluated_depsgraph_get())
-        x = np.empty((len(rest_positions), 3), np.float32)
-        evaluated.data.vertices.foreach_get("co", x.reshape(-1))
-        yield x
+        yield read_positions(cloth)
 
 
-def _cloth_object(rest: np.ndarray, faces: np.ndarray, pinned: np.ndarray, start: np.ndarray) -> bpy.types.Object:
+def read_positions(simulated: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
+    """Where the modifiers of an object have its vertices in the current frame [m]."""
+    x = np.empty((len(simulated.data.vertices), 3), np.float32)
+    evaluated = simulated.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    evaluated.data.vertices.foreach_get("co", x.reshape(-1))
+    return x
+
+
+def cloth_object(
+    rest: Float[np.ndarray, "vertices 3"],
+    faces: Int[np.ndarray, "faces 3"],
+    pinned: Int[np.ndarray, " pinned"],
+    start: Float[np.ndarray, "vertices 3"],
+) -> bpy.types.Object:
+    """A mesh at ``start``, linked into the scene, with the shape key ``rest`` and the vertex group ``pinned``."""
     mesh = bpy.data.meshes.new("cloth")
     mesh.from_pydata(rest.tolist(), [], faces.tolist())
     mesh.update()
@@ -75,7 +87,13 @@ def _cloth_object(rest: np.ndarray, faces: np.ndarray, pinned: np.ndarray, start
     return cloth
 
 
-def _cloth_modifier(cloth: bpy.types.Object, settings: Mapping, pinned: np.ndarray, frames: int):
+def cloth_modifier(
+    cloth: bpy.types.Object,
+    settings: Mapping[str, float | int | str],
+    pinned: Int[np.ndarray, " pinned"],
+    frames: int,
+) -> bpy.types.ClothModifier:
+    """Make an object of :func:`cloth_object` a cloth, from frame 1 to ``frames``, with the rest shape ``rest``."""
     # Blender 5.0 hands the rest shape to the cloth only behind another modifier; this one moves nothing.
     cloth.modifiers.new("rest shape", "WEIGHTED_NORMAL")
     modifier = cloth.modifiers.new("cloth", "CLOTH")
@@ -84,8 +102,7 @@ def _cloth_modifier(cloth: bpy.types.Object, settings: Mapping, pinned: np.ndarr
             setattr(modifier.settings, name, value)
     if len(pinned):
         modifier.settings.vertex_group_mass = "pinned"
-    modifier.collision_settings.use_collision = False
-    modifier.collision_settings.use_self_collision = False
+    modifier.settings.rest_shape_key = cloth.data.shape_keys.key_blocks["rest"]
     modifier.point_cache.frame_start = 1
     modifier.point_cache.frame_end = frames
     return modifier

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
-import json
-import os
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -15,14 +11,12 @@ from tqdm import tqdm
 
 from drape.blender.plan import make_plan, make_request
 from drape.blender.sequence import cloth_mesh, fabric_of, load_part, part_path, split_of
-from drape.blender.workers import run_workers
+from drape.blender.workers import processes_of, run_workers
 from drape.data.difference import refuse_difference
 from drape.data.hdf5 import TrajectoryFile
 from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
+from drape.data.parts_folder import OTHERWISE, claimed, parts_of
 from drape.errors import DrapeError
-
-OTHERWISE = "delete it, or choose another data.path"
-"""What to do where another data set is in the way."""
 
 
 def generate(data: Mapping, material: Mapping, workers: int | str) -> tuple[TrajectoryFile, bool]:
@@ -35,9 +29,9 @@ def generate(data: Mapping, material: Mapping, workers: int | str) -> tuple[Traj
     Raises:
         DrapeError: a mistake in the config, another data set in the way, no Blender, a crashed worker, a full disk.
     """
-    request, processes = make_request(data, material), _processes(workers)
+    request, processes = make_request(data, material), processes_of(workers)
     path = Path(data["path"])
-    parts = path.with_name(path.name + ".parts")
+    parts = parts_of(path)
     if path.exists():
         file = TrajectoryFile(path)
         made = yaml.safe_load(file.attribute("config")) or {}
@@ -46,7 +40,7 @@ def generate(data: Mapping, material: Mapping, workers: int | str) -> tuple[Traj
         return file, False
     plan = make_plan(request)
     try:
-        with _claimed(parts, plan):
+        with claimed(parts, plan):
             _simulate(parts, plan, processes)
             write_trajectories(path, _header(plan), _stored(parts, plan), _count(plan))
             shutil.rmtree(parts, ignore_errors=True)
@@ -56,14 +50,6 @@ def generate(data: Mapping, material: Mapping, workers: int | str) -> tuple[Traj
             "same command again"
         ) from error
     return TrajectoryFile(path), True
-
-
-def _processes(workers: int | str) -> int:
-    if workers == "auto":
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
-        raise DrapeError(f"workers: found {workers!r}; expected auto or a whole number from 1 on")
-    return workers
 
 
 def _count(plan: Mapping) -> int:
@@ -102,24 +88,3 @@ def _header(plan: Mapping) -> DatasetHeader:
         blender_version=plan["blender_version"],
         config=yaml.safe_dump(plan, sort_keys=False),
     )
-
-
-@contextlib.contextmanager
-def _claimed(parts: Path, plan: Mapping) -> Iterator[None]:
-    """Make the folder of parts, or see that the one found belongs to the same plan; keep other generators out."""
-    parts.mkdir(parents=True, exist_ok=True)
-    manifest = parts / "manifest.json"
-    with open(parts / "lock", "w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise DrapeError(
-                f"{parts}: another generator is at work here; wait for it, or choose another data.path"
-            ) from None
-        if manifest.exists():
-            refuse_difference(json.loads(manifest.read_text(encoding="utf-8")), plan, parts, OTHERWISE)
-        else:
-            temporary = manifest.with_suffix(".tmp")
-            temporary.write_text(json.dumps(plan, indent=1), encoding="utf-8")
-            os.replace(temporary, manifest)
-        yield

@@ -5,13 +5,15 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from drape.blender.presets import blender_version, fabric_settings
 from drape.data.difference import flatten
 from drape.errors import DrapeError
 from drape.scene.grid import PATTERNS
 
+Bounds = tuple[type, int | float, int | float]
+"""Kind of a number, lowest and highest allowed value."""
 NUMBERS = {
     "seed": (int, 0, math.inf),
     "size": (float, 1e-3, math.inf),
@@ -46,29 +48,51 @@ def check_data(data: Mapping) -> None:
         DrapeError: the key, what was found, what is expected.
     """
     flat = flatten(data)
-    for key in flat:
-        if key not in NUMBERS and key not in TEXTS:
-            close = difflib.get_close_matches(key, [*NUMBERS, *TEXTS], n=1)
-            raise DrapeError(f"data.{key}: no such key" + (f"; did you mean data.{close[0]}?" if close else ""))
-    for key in [*NUMBERS, *TEXTS]:
-        if key not in flat:
-            raise DrapeError(f"data.{key}: missing; see conf/data/cloth.yaml")
-    for key in NUMBERS:
-        values = flat[key] if key in RANGES else [flat[key]]
-        if not isinstance(values, list) or len(values) != (2 if key in RANGES else 1):
-            raise DrapeError(f"data.{key}: found {flat[key]!r}; expected [lowest, highest]")
-        for value in values:
-            _check_number(key, value)
-        if values[0] > values[-1]:
-            raise DrapeError(f"data.{key}: found {values}; expected the lower number first")
+    check_keys(flat, [*NUMBERS, *TEXTS], "conf/data/cloth.yaml")
+    for key, bounds in NUMBERS.items():
+        (check_pair if key in RANGES else check_number)(key, flat[key], bounds)
     if flat["pattern"] not in PATTERNS:
         raise DrapeError(f"data.pattern: found {flat['pattern']!r}; expected one of {', '.join(PATTERNS)}")
     if flat["counts.train"] + flat["counts.test"] == 0:
         raise DrapeError("data.counts: no sequences at all; expected at least one")
 
 
-def _check_number(key: str, value: object) -> None:
-    kind, lowest, highest = NUMBERS[key]
+def check_keys(flat: Mapping[str, object], expected: Sequence[str], page: str) -> None:
+    """Refuse a ``data`` node (flattened) that has other keys than those of its ``page`` in conf/.
+
+    Raises:
+        DrapeError: the first key that is unknown or missing.
+    """
+    for key in flat:
+        if key not in expected:
+            close = difflib.get_close_matches(key, expected, n=1)
+            raise DrapeError(f"data.{key}: no such key" + (f"; did you mean data.{close[0]}?" if close else ""))
+    for key in expected:
+        if key not in flat:
+            raise DrapeError(f"data.{key}: missing; see {page}")
+
+
+def check_pair(key: str, value: object, bounds: Bounds) -> None:
+    """Refuse a value of ``data.<key>`` that is not a pair [lowest, highest] of numbers within ``bounds``.
+
+    Raises:
+        DrapeError: the key, what was found, what is expected.
+    """
+    if not isinstance(value, list) or len(value) != 2:
+        raise DrapeError(f"data.{key}: found {value!r}; expected [lowest, highest]")
+    for number in value:
+        check_number(key, number, bounds)
+    if value[0] > value[1]:
+        raise DrapeError(f"data.{key}: found {value}; expected the lower number first")
+
+
+def check_number(key: str, value: object, bounds: Bounds) -> None:
+    """Refuse a value of ``data.<key>`` that is not of the kind, or not from the lowest to the highest, in ``bounds``.
+
+    Raises:
+        DrapeError: the key, what was found, what is expected.
+    """
+    kind, lowest, highest = bounds
     right = isinstance(value, int if kind is int else (int, float)) and not isinstance(value, bool)
     if not right or not math.isfinite(value) or not lowest <= value <= highest:
         what = "a whole number" if kind is int else "a number"
@@ -83,13 +107,22 @@ def make_request(data: Mapping, material: Mapping) -> dict:
         DrapeError: see :func:`check_data`; or a fabric without a preset.
     """
     check_data(data)
+    check_material(material)
+    request = {"data": {k: v for k, v in data.items() if k not in NOT_IN_REQUEST}, "material": material}
+    return json.loads(json.dumps(request))
+
+
+def check_material(material: Mapping) -> None:
+    """Refuse a ``material`` node that names no fabric, or says of one more than its preset and overrides.
+
+    Raises:
+        DrapeError: the fabric, what was found, what is expected.
+    """
     if not material:
         raise DrapeError("material: no fabric; expected material=all or another of conf/material/*.yaml")
     for fabric, entry in material.items():
         if not isinstance(entry, Mapping) or "preset" not in entry or set(entry) - {"preset", "overrides"}:
             raise DrapeError(f"material.{fabric}: found {entry}; expected the keys preset and overrides only")
-    request = {"data": {k: v for k, v in data.items() if k not in NOT_IN_REQUEST}, "material": material}
-    return json.loads(json.dumps(request))
 
 
 def make_plan(request: Mapping) -> dict:

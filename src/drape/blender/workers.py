@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import selectors
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from drape.blender.process import BlenderProcess
+from drape.errors import DrapeError
 
 
 class Worker(BlenderProcess):
     """One process and the sequence that it is busy with."""
 
-    def __init__(self, parts: Path, number: int) -> None:
-        super().__init__("drape.blender.worker", [str(parts)], parts / f"worker_{number}.log")
+    def __init__(self, module: str, parts: Path, number: int) -> None:
+        super().__init__(module, [str(parts)], parts / f"worker_{number}.log")
         self.index = -1
 
     def start(self, index: int) -> None:
@@ -25,14 +27,31 @@ class Worker(BlenderProcess):
         return self.receive(f"sequence {self.index}")
 
 
-def run_workers(parts: Path, indices: Iterable[int], count: int) -> Iterator[tuple[int, int]]:
+def processes_of(workers: int | str) -> int:
+    """The number of worker processes: as given, or one per CPU for ``auto``.
+
+    Raises:
+        DrapeError: neither a whole number from 1 on nor ``auto``.
+    """
+    if workers == "auto":
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
+        raise DrapeError(f"workers: found {workers!r}; expected auto or a whole number from 1 on")
+    return workers
+
+
+def run_workers(
+    parts: Path, indices: Iterable[int], count: int, module: str = "drape.blender.worker"
+) -> Iterator[tuple[int, int]]:
     """Simulate the sequences ``indices`` in ``count`` processes; yields (index, attempts) in order of completion.
+
+    ``module``: what a process runs, with ``parts`` as its argument.
 
     Raises:
         DrapeError, OSError: see :meth:`BlenderProcess.receive`; the finished sequences stay in ``parts``.
     """
     waiting = list(indices)[::-1]
-    workers = [Worker(parts, number) for number in range(min(count, len(waiting)))]
+    workers = [Worker(module, parts, number) for number in range(min(count, len(waiting)))]
     selector = selectors.DefaultSelector()
     try:
         for worker in workers:

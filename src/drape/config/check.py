@@ -190,7 +190,16 @@ def _foreign_values(config: DictConfig) -> Iterator[str]:
         if not isinstance(node, DictConfig) or "_target_" in node or not files:
             continue
         options = [yaml.safe_load(file.read_text(encoding="utf-8")) or {} for file in files]
-        known = {str(key) for option in options for key in option} - {"defaults"}
+        known = {str(key) for option in [*options, *_options_elsewhere(str(group))] for key in option} - {"defaults"}
         for key in node:
             if key not in known and not isinstance(node._get_node(key), Container):
                 yield f"{group}.{key}: no option of conf/{group}/ has it{did_you_mean(str(key), known)}"
+
+
+def _options_elsewhere(group: str) -> Iterator[Mapping[str, Any]]:
+    """What options of other groups that stand at the top themselves (``# @package _global_``) say of ``group``."""
+    for file in sorted(CONF.glob("*/*.yaml")):
+        text = file.read_text(encoding="utf-8")
+        tree = yaml.safe_load(text) if text.startswith("# @package _global_") else None
+        if isinstance(tree, dict) and isinstance(tree.get(group), dict):
+            yield tree[group]

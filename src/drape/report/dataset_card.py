@@ -26,7 +26,7 @@ def dataset_card(file: TrajectoryFile) -> str:
         f"{file.path.stat().st_size / 1e6:.1f} MB",
         "percentiles 1 | 50 | 99  [least, greatest] over all sequences and frames:",
     ]
-    return "\n".join(lines + _table([COLUMNS, *(_row(file, index) for index in range(len(file.fabrics)))]))
+    return "\n".join(lines + aligned([COLUMNS, *(_row(file, index) for index in range(len(file.fabrics)))]))
 
 
 def _row(file: TrajectoryFile, index: int) -> tuple[str, ...]:
@@ -49,6 +49,7 @@ def _range(values: np.ndarray) -> str:
     return f"{low:.3g} | {middle:.3g} | {high:.3g}  [{values.min():.3g}, {values.max():.3g}]"
 
 
-def _table(rows: list[tuple[str, ...]]) -> list[str]:
-    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
+def aligned(rows: list[tuple[str, ...]]) -> list[str]:
+    """Lines of text whose columns begin below each other."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

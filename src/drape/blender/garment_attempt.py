@@ -1,0 +1,85 @@
+"""A figure, a garment and a motion drawn at random: what a sequence would show, before it is simulated. No bpy."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from drape.blender.dressed_body import DressedBody
+from drape.blender.garment_choice import Choice
+from drape.blender.garment_plan import MOTION_FILE
+from drape.figure.bvh import read_bvh
+from drape.figure.clear_arms import clear_arms
+from drape.figure.ease import ease_in
+from drape.figure.figure import Figure, make_figure
+from drape.figure.motions import make_motion
+from drape.figure.shape import FigureShape
+from drape.figure.skinning import pose_vertices
+from drape.garment.garment import Garment, make_garment
+from drape.garment.style import random_style
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A figure in a garment and in motion."""
+
+    figure: Figure
+    garment: Garment
+    transforms: Float[np.ndarray, "frames joints 4 4"]
+    """From the rest pose on: the settling frames, then those to record."""
+    twin: np.random.Generator
+    """Draws how far the twin starts beside."""
+
+    @functools.cached_property
+    def skinned(self) -> Float[np.ndarray, "frames vertices 3"]:
+        """The garment as its weights carry it [m]."""
+        garment = self.garment
+        return pose_vertices(garment.rest_positions, garment.bones, garment.weights, self.transforms)
+
+    @functools.cached_property
+    def dressed(self) -> DressedBody:
+        """What Blender is given."""
+        figure, garment = self.figure, self.garment
+        return DressedBody(
+            rest_positions=garment.rest_positions,
+            faces=garment.faces,
+            pinned=garment.pinned,
+            pin_positions=self.skinned[:, garment.pinned],
+            body_faces=figure.faces,
+            body_positions=pose_vertices(figure.rest_positions, figure.bones, figure.weights, self.transforms),
+        )
+
+
+def draw_attempt(choice: Choice, data: Mapping, rng: np.random.Generator) -> Attempt:
+    """The figure of ``choice`` in a garment of random style and with a random motion; ``data``: the config node.
+
+    Raises:
+        DrapeError: no such garment can be made on this figure, or a motion file cannot be read.
+    """
+    styles, motions, twin = rng.spawn(3)
+    figure = figure_of(choice.body, data)
+    garment = make_garment(choice.kind, figure, random_style(choice.kind, styles), data["edge"]["garment"])
+    if choice.motion.endswith(MOTION_FILE):
+        transforms = read_bvh(Path(choice.motion), figure, data["frames"], data["fps"])
+    else:
+        transforms = make_motion(choice.motion, figure, data["frames"], data["fps"], motions)
+    transforms = clear_arms(transforms, figure, data["fps"])
+    return Attempt(figure, garment, ease_in(transforms, figure, data["settle"]), twin)
+
+
+def figure_of(body: int, data: Mapping) -> Figure:
+    """Figure number ``body`` of a data set: measures drawn uniformly from ``data.shape``, by (seed, body) only."""
+    rng = np.random.default_rng([data["seed"], body])
+    shape = {measure: float(rng.uniform(*data["shape"][measure])) for measure in sorted(data["shape"])}
+    return _kept_figure(FigureShape(**shape), data["edge"]["body"])
+
+
+@functools.lru_cache(maxsize=64)
+def _kept_figure(shape: FigureShape, edge: float) -> Figure:
+    """Several sequences show the same figure."""
+    return make_figure(shape, edge)

@@ -1,0 +1,92 @@
+"""A whole data set of garments: simulated in worker processes, resumable at any moment, packed into one HDF5 file."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+import yaml
+from tqdm import tqdm
+
+from drape.blender.garment_part import load_garment_part
+from drape.blender.garment_plan import make_garment_request
+from drape.blender.plan import make_plan
+from drape.blender.sequence import part_path
+from drape.blender.workers import processes_of, run_workers
+from drape.data.difference import refuse_difference
+from drape.data.garment_hdf5 import GarmentFile
+from drape.data.garment_writer import GarmentHeader, garment_writer
+from drape.data.parts_folder import OTHERWISE, claimed, parts_of
+from drape.errors import DrapeError
+
+WORKER = "drape.blender.garment_worker"
+
+
+def generate_garments(data: Mapping, material: Mapping, workers: int | str) -> tuple[GarmentFile, bool]:
+    """Make the data set described by the config nodes at ``data.path``; returns (file, whether it was made now).
+
+    Finished sequences wait in ``<path>.parts/`` until all are there, so after a kill at any moment the same call goes
+    on and gives the same file; only sequences in flight are simulated again. ``workers``: Blender processes, or
+    ``auto`` for one per CPU.
+
+    Raises:
+        DrapeError: a mistake in the config, another data set in the way, no Blender, a crashed worker, a full disk.
+    """
+    request, processes = make_garment_request(data, material), processes_of(workers)
+    path = Path(data["path"])
+    parts = parts_of(path)
+    if path.exists():
+        file = GarmentFile(path)
+        made = yaml.safe_load(file.attribute("config")) or {}
+        refuse_difference({key: made.get(key, {}) for key in request}, request, path, OTHERWISE)
+        shutil.rmtree(parts, ignore_errors=True)
+        return file, False
+    plan = make_plan(request)
+    try:
+        with claimed(parts, plan):
+            _simulate(parts, plan, processes)
+            _pack(parts, plan, path)
+            shutil.rmtree(parts, ignore_errors=True)
+    except OSError as error:
+        raise DrapeError(
+            f"{path}: {error}; finished sequences are kept in {parts}: make room or set the permissions, then run the "
+            "same command again"
+        ) from error
+    return GarmentFile(path), True
+
+
+def _indices(plan: Mapping) -> range:
+    return range(sum(plan["data"]["counts"].values()))
+
+
+def _simulate(parts: Path, plan: Mapping, processes: int) -> None:
+    missing = [index for index in _indices(plan) if not part_path(parts, index).exists()]
+    count = len(_indices(plan))
+    with tqdm(total=count, initial=count - len(missing), desc="simulating", unit=" sequences") as bar:
+        for _ in run_workers(parts, missing, processes, WORKER):
+            bar.update()
+
+
+def _pack(parts: Path, plan: Mapping, path: Path) -> None:
+    """One file of all parts, one sequence at a time."""
+    size = sum(part_path(parts, index).stat().st_size for index in _indices(plan))
+    with garment_writer(path, _header(plan), size) as writer:
+        for index in _indices(plan):
+            load_garment_part(parts, index).add_to(writer)
+
+
+def _header(plan: Mapping) -> GarmentHeader:
+    data = plan["data"]
+    materials = {
+        fabric: {"mass_per_vertex" if name == "mass" else name: value for name, value in settings.items()}
+        for fabric, settings in plan["settings"].items()
+    }
+    return GarmentHeader(
+        source=f"blender {plan['blender_version']}",
+        fps=float(data["fps"]),
+        gravity=(0.0, 0.0, -float(data["gravity"])),
+        materials=materials,
+        config=yaml.safe_dump(plan, sort_keys=False),
+        seed=data["seed"],
+    )
