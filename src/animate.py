@@ -17,6 +17,7 @@ from drape.report.animated import animated, explained
 from drape.report.preview import preview
 from drape.simulators.device import check_device
 from drape.simulators.rollout import COLUMNS, roll_out
+from drape.simulators.solver import solver
 
 SHAPES_FRAMES = ("scene", "fabric", "energy", "contact", "simulator")
 """Groups of the config that determine the frames."""
@@ -27,12 +28,12 @@ def main(config: DictConfig) -> None:
     conf.check_config(config, contents="animate")
     if not isinstance(config.explain, bool):
         raise DrapeError(f"explain: found {config.explain!r}; expected true or false")
-    check_device(config.simulator.device)
+    check_device(config.simulator.get("device", "cpu"))
     output, folder = conf.instantiate(config.output), Path(config.folder)
     scene = conf.instantiate(config.scene)
     fabric = conf.instantiate(config.energy)
     potential = IncrementalPotential.for_scene(scene, fabric.terms, conf.instantiate(config.contact))
-    simulator = conf.instantiate(config.simulator)(potential, scene, fabric.attributes)
+    simulator = solver(config.simulator, potential, scene, fabric.attributes)
     if config.explain:
         Console().print(explained(potential, simulator.steps.step(scene.initial, 0.0, 1.0)).terminal())
         return

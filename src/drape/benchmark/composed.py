@@ -14,6 +14,7 @@ from drape.energy.incremental_potential import IncrementalPotential
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
 from drape.simulators.simulator import Simulator
+from drape.simulators.solver import solver
 
 
 class Composed:
@@ -56,4 +57,4 @@ class Composed:
         """A solver for ``scene``, with single settings of the node ``simulator`` replaced."""
         law = self.law(energy, fabric)
         potential = IncrementalPotential.for_scene(scene, law.terms)
-        return conf.instantiate(self.config.simulator, **settings)(potential, scene, law.attributes)
+        return solver(self.config.simulator, potential, scene, law.attributes, **settings)

@@ -40,14 +40,7 @@ class RunRecord:
         """Write ``metrics.json``; the file is either whole or as it was."""
         content = {"format": FORMAT, "version": VERSION} | asdict(self)
         del content["folder"]
-        path = Path(folder) / FILE
-        temporary = path.with_suffix(f".{os.getpid()}.tmp")
-        try:
-            temporary.write_text(json.dumps(content, indent=2, default=str) + "\n")
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
-        return path
+        return write_json(Path(folder) / FILE, content)
 
     @classmethod
     def load(cls, folder: Path | str) -> RunRecord:
@@ -57,7 +50,7 @@ class RunRecord:
             DrapeError: no such file, not JSON, another format, or an entry that is missing or of the wrong kind.
         """
         path = Path(folder) / FILE
-        content = _parse(path)
+        content = read_json(path)
         found = content.get("format"), content.get("version")
         if found != (FORMAT, VERSION):
             raise DrapeError(f"{path}: format and version are {found}; expected {(FORMAT, VERSION)}; run it again")
@@ -78,7 +71,23 @@ REQUIRED = (
 )
 
 
-def _parse(path: Path) -> dict:
+def write_json(path: Path, content: Mapping) -> Path:
+    """Write ``content``; the file is either whole or as it was."""
+    temporary = path.with_suffix(f".{os.getpid()}.tmp")
+    try:
+        temporary.write_text(json.dumps(content, indent=2, default=str) + "\n")
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path
+
+
+def read_json(path: Path) -> dict:
+    """The object that a finished run has left behind.
+
+    Raises:
+        DrapeError: no such file, or not JSON.
+    """
     if not path.is_file():
         raise DrapeError(f"{path}: no such file; a run has it when it is finished (python src/train.py)")
     try:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from drape.metrics.evaluation_record import EvaluationRecord
 from drape.metrics.record import RunRecord
+from drape.report.garment_tables import comparison_tables
 from drape.report.provenance import describe_setting, missing, provenance
 from drape.report.runs import Configuration, by_setting, configurations
 from drape.report.table import Table
@@ -34,6 +36,14 @@ def document(runs: Sequence[RunRecord], ablations: Sequence[str], seeds: Sequenc
     for found in others:
         sections += _section(found, [energy_error_table(found), force_table(found)])
     return "\n".join(sections)
+
+
+def garment_document(evaluations: Sequence[EvaluationRecord]) -> str:
+    """Markdown of evaluations of garments side by side, with the commands that made them."""
+    lines = ["# Garments, animated", "", *(table.markdown() for table in comparison_tables(evaluations))]
+    lines += ["### Provenance", ""]
+    lines += [f"* **{record.method['name']}**: `{record.provenance['command']}`" for record in evaluations]
+    return "\n".join(lines) + "\n"
 
 
 def _section(found: Sequence[Configuration], shown: Sequence[Table]) -> list[str]:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drape.errors import DrapeError
-from drape.metrics.record import FILE, RunRecord
+from drape.metrics import evaluation_record
+from drape.metrics.evaluation_record import EvaluationRecord
+from drape.metrics.record import FILE, RunRecord, read_json
 
 
 def find_runs(folder: Path | str) -> list[RunRecord]:
@@ -18,11 +20,35 @@ def find_runs(folder: Path | str) -> list[RunRecord]:
         DrapeError: there are none, or one cannot be read.
     """
     folder = Path(folder)
-    paths = sorted(folder.rglob(FILE), key=lambda path: (path.stat().st_mtime, str(path)))
+    paths = [path for path in _newest_last(folder) if not _is_evaluation(path)]
     if not paths:
         raise DrapeError(f"{folder}: no finished run below it (no {FILE}); make one with: python src/train.py")
     newest = {(*_identity(run), run.seed): run for run in (RunRecord.load(path.parent) for path in paths)}
     return sorted(newest.values(), key=lambda run: str(run.folder))
+
+
+def has_runs(folder: Path | str) -> bool:
+    """Whether a finished training is below ``folder``."""
+    return any(not _is_evaluation(path) for path in _newest_last(Path(folder)))
+
+
+def find_evaluations(folder: Path | str) -> list[EvaluationRecord]:
+    """All finished evaluations of garments below ``folder``; of those of one name on the same data, the newest.
+
+    Raises:
+        DrapeError: one cannot be read.
+    """
+    found = [EvaluationRecord.load(path.parent) for path in _newest_last(Path(folder)) if _is_evaluation(path)]
+    newest = {(record.method["name"], repr(record.data)): record for record in found}
+    return sorted(newest.values(), key=lambda record: str(record.folder))
+
+
+def _newest_last(folder: Path) -> list[Path]:
+    return sorted(folder.rglob(FILE), key=lambda path: (path.stat().st_mtime, str(path)))
+
+
+def _is_evaluation(path: Path) -> bool:
+    return read_json(path).get("format") == evaluation_record.FORMAT
 
 
 def _identity(run: RunRecord) -> tuple:

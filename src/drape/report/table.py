@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rich.markup import escape
 from rich.table import Table as RichTable
 
 
@@ -24,11 +25,12 @@ class Table:
 
     def terminal(self) -> RichTable:
         """The same for a console of ``rich``."""
-        table = RichTable(title=self.title, caption=self.note or None, title_justify="left", caption_justify="left")
+        title, note = escape(self.title), escape(self.note) or None
+        table = RichTable(title=title, caption=note, title_justify="left", caption_justify="left")
         for k, column in enumerate(self.columns):
-            table.add_column(column, justify="right" if k else "left")
+            table.add_column(escape(column), justify="right" if k else "left", overflow="fold")
         for row in self.rows:
-            table.add_row(*row)
+            table.add_row(*map(escape, row))
         return table
 
 

@@ -1,0 +1,82 @@
+"""A recorded garment as a scene: a simulator starts from two recorded frames and goes on by itself."""
+
+from __future__ import annotations
+
+from drape.data.garment_hdf5 import GarmentFile
+from drape.data.garment_sequence import GarmentSequence
+from drape.errors import DrapeError
+from drape.scene.mass import vertex_masses
+from drape.scene.material import Material
+from drape.scene.obstacle import Obstacle
+from drape.scene.pins import Pins
+from drape.scene.scene import Scene
+from drape.scene.state import State
+
+START = 1
+"""The recorded frame at which the scene begins: the first with a velocity."""
+
+
+def garment_scene(path: str, sequence: str, frames: int | None = None, fabric: str | None = None) -> Scene:
+    """The sequence called ``sequence`` of the garments at ``path``: see :func:`recorded_scene`.
+
+    ``fabric`` is that of the energies which are to animate it.
+
+    Raises:
+        DrapeError: no such file or sequence, a sequence of another fabric, or see :func:`recorded_scene`.
+    """
+    recorded = GarmentFile(path).sequence(sequence)
+    if fabric is not None and recorded.fabric != fabric:
+        raise DrapeError(
+            f"{path}: sequences/{sequence}: found a garment of {recorded.fabric or 'no fabric'}; expected one of "
+            f"{fabric}, as the energies are; choose fabric={recorded.fabric}, or another sequence"
+        )
+    return recorded_scene(recorded, frames)
+
+
+def recorded_scene(sequence: GarmentSequence, frames: int | None = None) -> Scene:
+    """Garment, fabric, masses, gravity and friction as recorded; body and pinned vertices move as recorded.
+
+    The scene begins at the recorded frame 1 with ``v = (x¹ - x⁰) / dt``; its frame k is the recorded frame k + 1, and
+    the recorded frames are its ``reference``. ``frames`` to simulate; None for all that are recorded.
+
+    Raises:
+        DrapeError: the garment was not recorded, or fewer frames than asked for.
+    """
+    file, frames = sequence.file, scene_frames(sequence, frames)
+    recorded = sequence.positions[: START + frames + 1]
+    return Scene(
+        name=f"{sequence.name}_{sequence.kind}",
+        mesh=sequence.mesh,
+        initial=State(recorded[START], (recorded[START] - recorded[START - 1]) / file.dt),
+        material=Material.from_settings(sequence.fabric, file.materials[sequence.fabric]),
+        mass=vertex_masses(sequence.mesh, {"per_vertex": sequence.mass_per_vertex}),
+        gravity=file.gravity,
+        dt=file.dt,
+        frames=frames,
+        pins=Pins(sequence.pinned, recorded[START:, sequence.pinned]) if len(sequence.pinned) else None,
+        obstacle=Obstacle(sequence.body_faces, sequence.window(START, frames + 1).body_positions),
+        friction=sequence.friction or None,
+        reference=recorded[START:],
+    )
+
+
+def scene_frames(sequence: GarmentSequence, frames: int | None = None) -> int:
+    """How many frames a scene of the sequence simulates: ``frames``, or None for all that are recorded after its start.
+
+    Raises:
+        DrapeError: the garment was not recorded, or fewer frames than asked for.
+    """
+    where = f"{sequence.file.path}: sequences/{sequence.name}"
+    if not sequence.is_recorded:
+        raise DrapeError(
+            f"{where}: found the motion of a body without recorded positions of a garment; expected some to start from "
+            "and to compare with; choose a data set that has them"
+        )
+    last = sequence.num_frames - START - 1
+    frames = last if frames is None else frames
+    if not 1 <= frames <= last:
+        raise DrapeError(
+            f"{where}: frames: found {frames}; expected 1..{last}, as {sequence.num_frames} are recorded and the scene "
+            f"begins at frame {START}"
+        )
+    return frames

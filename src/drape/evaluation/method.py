@@ -1,0 +1,101 @@
+"""A way to animate recorded garments: a simulator, and the energies of each fabric where it minimises them."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf, open_dict
+
+from drape import config as conf
+from drape.data.garment_hdf5 import GarmentFile
+from drape.data.garment_sequence import GarmentSequence
+from drape.energy.fabric import Fabric
+from drape.energy.incremental_potential import IncrementalPotential
+from drape.errors import DrapeError
+from drape.scene.material import Material
+from drape.scene.scene import Scene
+from drape.simulators.device import check_device
+from drape.simulators.simulator import Simulator
+from drape.simulators.solver import is_baseline
+
+OF_ENERGIES = ("energy", "contact")
+"""Groups that mean something only where energies are minimised."""
+
+
+class Method:
+    """The nodes ``simulator``, ``energy`` and ``contact`` of a config, applied to the sequences of a data set.
+
+    The node ``fabric`` that the energies refer to is that of each sequence in turn, with the settings that the data
+    state; energies are built once for each fabric.
+
+    Args:
+        config: composed from ``conf/evaluate.yaml``.
+        file: where the sequences are.
+        overrides: what the user has set on the command line.
+
+    Raises:
+        DrapeError: a setting that would have no effect, a device that is not there.
+    """
+
+    def __init__(self, config: DictConfig, file: GarmentFile, overrides: Sequence[str] = ()):
+        self.config = config
+        self.file = file
+        self._make = conf.instantiate(config.simulator)
+        self._fabrics: dict[str, Fabric] = {}
+        self.is_baseline = is_baseline(self._make)
+        _refuse(overrides, ["fabric"], f"the fabric of each sequence is the one that {file.path} states for it")
+        if self.is_baseline:
+            _refuse(overrides, OF_ENERGIES, f"{self._make.func.__name__} is a baseline that minimises no energy")
+        else:
+            check_device(config.simulator.device)
+
+    def named(self, simulator: str, energy: str) -> str:
+        """Simulator and energy as one name; a baseline has no energy."""
+        return simulator if self.is_baseline else f"{simulator}_{energy}"
+
+    def prepare(self, sequences: Sequence[GarmentSequence]) -> None:
+        """Build what the sequences need, so that mistakes come before the work.
+
+        Raises:
+            DrapeError: the energies do not know a fabric.
+        """
+        for fabric in dict.fromkeys(sequence.fabric for sequence in sequences if not self.is_baseline):
+            self._fabric(fabric)
+
+    def simulator(self, sequence: GarmentSequence, scene: Scene) -> Simulator:
+        """What animates ``scene``, which is made of ``sequence``."""
+        if self.is_baseline:
+            return self._make(scene=scene, sequence=sequence)
+        fabric = copy.deepcopy(self._fabric(sequence.fabric))
+        potential = IncrementalPotential.for_scene(scene, fabric.terms, conf.instantiate(self.config.contact))
+        return self._make(potential=potential, scene=scene, attributes=fabric.attributes)
+
+    def settings(self, sequence: GarmentSequence) -> dict[str, Any]:
+        """What determines the frames of ``sequence``, as plain values."""
+        names = ("simulator",) if self.is_baseline else ("simulator", *OF_ENERGIES, "fabric")
+        config = self._with_fabric(sequence.fabric)
+        nodes = {name: OmegaConf.to_container(config[name], resolve=True) for name in names}
+        return {"data": {"path": str(self.file.path), "sequence": sequence.name}, **nodes}
+
+    def _fabric(self, name: str) -> Fabric:
+        if name not in self._fabrics:
+            self._fabrics[name] = conf.instantiate(self._with_fabric(name).energy)
+        return self._fabrics[name]
+
+    def _with_fabric(self, name: str) -> DictConfig:
+        config = copy.deepcopy(self.config)
+        material = Material.from_settings(name, self.file.materials[name])
+        with open_dict(config):
+            config.fabric = {"_target_": "drape.scene.material.Material", **asdict(material)}
+        return config
+
+
+def _refuse(overrides: Sequence[str], nodes: Sequence[str], reason: str) -> None:
+    """Refuse overrides of ``nodes``, which would change nothing, with the reason."""
+    for override in overrides:
+        key = override.lstrip("+~").partition("=")[0].replace("/", ".").partition("@")[0]
+        if key.partition(".")[0] in nodes:
+            raise DrapeError(f"{key}: found {override}; expected nothing, as {reason}; leave it out")
