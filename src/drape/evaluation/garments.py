@@ -56,7 +56,8 @@ def _animate(method: Method, sequence: GarmentSequence, scene: Scene, path: Path
         for _, took in frames(method.simulator(sequence, scene), scene, writer):
             seconds.append(took)
             shown = f"{scene.name}: frame {writer.num_frames - 1} of {scene.frames}, {1e3 * np.median(seconds):.0f} ms"
-            bar.set_postfix_str(f"{shown}/frame")
+            bar.set_postfix_str(f"{shown}/frame", refresh=False)
+            bar.update(0)  # draws at most ten times a second
 
 
 def _score(sequence: GarmentSequence, scene: Scene, path: Path) -> ScoredSequence:
