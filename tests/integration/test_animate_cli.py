@@ -79,7 +79,7 @@ def test_recorded_frames_are_compared_with(animate, data):
 
 def test_every_law_bends_and_resists(animate, data, tmp_path):
     """The same scene by each law: table and network agree closely, others are other fabrics."""
-    laws = ("eunet", "eunet_baked", "phys", "mass_spring")
+    laws = ("eunet", "eunet_baked", "eunet_baked_garment", "phys", "mass_spring")
     assert {path.stem for path in (CONF / "energy").glob("*.yaml")} == set(laws)
     ends = {}
     for law in laws:
@@ -90,7 +90,7 @@ def test_every_law_bends_and_resists(animate, data, tmp_path):
             ends[law] = file.x(3)
     travelled = np.linalg.norm(ends["eunet"] - ends["eunet"][0], axis=-1).mean()
     assert np.abs(ends["eunet"] - ends["eunet_baked"]).max() < 1e-3 * travelled
-    for law in ("phys", "mass_spring"):
+    for law in ("eunet_baked_garment", "phys", "mass_spring"):
         assert np.abs(ends["eunet"] - ends[law]).max() > 1e-3 * travelled
 
 

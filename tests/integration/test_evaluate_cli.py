@@ -100,9 +100,9 @@ def test_baselines_are_as_good_as_they_should_be_and_stand_side_by_side(run, tmp
         assert done.code == 0, done.err
         errors[name] = metrics(tmp_path / "recorded_test" / name)["error_mm/overall"]
     assert errors["skinned"] < errors["frozen"] < errors["ballistic"]
-    report = run(name="report")
+    report = run(f"folder={tmp_path / 'tables'}", name="report")
     assert report.code == 0, report.err
-    text = (tmp_path / "report" / "garments.md").read_text()
+    text = (tmp_path / "tables" / "garments.md").read_text()
     table = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("|")]
     assert table[0][:4] == ["method", "dress", "skirt", "overall"]
     names = [row[0] for row in table[2:]]
