@@ -129,7 +129,7 @@ def test_the_solver_animates_every_fabric_with_its_own_table(run, tmp_path):
 
 
 def test_an_analytic_law_needs_no_fabric(run, tmp_path):
-    done = run("energy=phys", "kinds=[dress]", "name=mine", *QUICK)
+    done = run("energy=phys", "areal_density=0.2", "kinds=[dress]", "name=mine", *QUICK)
     assert done.code == 0, done.err
     assert metrics(tmp_path / "recorded_test" / "mine")["sequences/overall"] == 1
 
@@ -188,6 +188,8 @@ def test_another_configuration_does_not_mix_into_the_folder(run):
         (["frames=40"], "frames: found 40; expected 1..4, as 6 are recorded"),
         (["simulator=twin"], "sequences/00003: has no twin"),
         (["simulator=frozen", "energy=phys"], "energy: found energy=phys; expected nothing, as Frozen is a baseline"),
+        (["simulator=frozen", "areal_density=1"], "areal_density: found areal_density=1; expected nothing"),
+        (["areal_density=-1"], "areal_density: found -1.0; expected a positive number"),
         (["simulator=twin", "contact.thickness=0.01"], "contact.thickness: found contact.thickness=0.01; expected"),
         (["fabric=denim"], "fabric: found fabric=denim; expected nothing, as the fabric of each sequence is the one"),
         (["simulator.device=abacus"], "simulator.device: found 'abacus'"),

@@ -48,6 +48,16 @@ def test_a_scene_starts_from_two_recorded_frames_and_has_the_rest_as_reference(f
     np.testing.assert_array_equal(scene.gravity, [0, 0, -9.81])
 
 
+def test_a_cloth_of_another_weight(file):
+    sequence = file.sequence("00001")
+    scene = recorded_scene(sequence, areal_density=0.2)
+    corners = sequence.mesh.rest_positions[sequence.mesh.faces]
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    np.testing.assert_allclose(scene.mass.sum(), 0.2 * area)
+    with pytest.raises(DrapeError, match="areal_density: found 0.0; expected a positive number"):
+        recorded_scene(sequence, areal_density=0.0)
+
+
 def test_body_and_pins_are_those_of_the_same_instant(file):
     """Frame k of the scene is the recorded frame k + 1: a body that lags by a frame would be wrong by 5 mm."""
     sequence = file.sequence("00002")

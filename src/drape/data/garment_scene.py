@@ -33,23 +33,27 @@ def garment_scene(path: str, sequence: str, frames: int | None = None, fabric: s
     return recorded_scene(recorded, frames)
 
 
-def recorded_scene(sequence: GarmentSequence, frames: int | None = None) -> Scene:
+def recorded_scene(
+    sequence: GarmentSequence, frames: int | None = None, areal_density: float | None = None
+) -> Scene:
     """Garment, fabric, masses, gravity and friction as recorded; body and pinned vertices move as recorded.
 
     The scene begins at the recorded frame 1 with ``v = (x¹ - x⁰) / dt``; its frame k is the recorded frame k + 1, and
     the recorded frames are its ``reference``. ``frames`` to simulate; None for all that are recorded.
+    ``areal_density`` [kg/m²] instead of the recorded masses, for a law of a fabric that weighs otherwise.
 
     Raises:
         DrapeError: the garment was not recorded, or fewer frames than asked for.
     """
     file, frames = sequence.file, scene_frames(sequence, frames)
+    mass = {"per_vertex": sequence.mass_per_vertex} if areal_density is None else {"areal_density": areal_density}
     recorded = sequence.positions[: START + frames + 1]
     return Scene(
         name=f"{sequence.name}_{sequence.kind}",
         mesh=sequence.mesh,
         initial=State(recorded[START], (recorded[START] - recorded[START - 1]) / file.dt),
         material=Material.from_settings(sequence.fabric, file.materials[sequence.fabric]),
-        mass=vertex_masses(sequence.mesh, {"per_vertex": sequence.mass_per_vertex}),
+        mass=vertex_masses(sequence.mesh, mass),
         gravity=file.gravity,
         dt=file.dt,
         frames=frames,

@@ -38,7 +38,7 @@ def evaluate(method: Method, chosen: dict[str, int], folder: Path) -> list[Score
     with tqdm(total=len(chosen), desc="evaluating", unit=" sequences", file=sys.stderr) as bar:
         for name, count in chosen.items():
             sequence = method.file.sequence(name)
-            scene = recorded_scene(sequence, count)
+            scene = recorded_scene(sequence, count, method.areal_density)
             path = folder / SEQUENCES / f"{name}.h5"
             _animate(method, sequence, scene, path, bar)
             scored.append(_score(sequence, scene, path))

@@ -44,11 +44,13 @@ class Method:
         self.config = config
         self.file = file
         self._make = conf.instantiate(config.simulator)
+        self.areal_density = None if config.areal_density is None else float(config.areal_density)
         self._fabrics: dict[str, Fabric] = {}
         self.is_baseline = is_baseline(self._make)
         _refuse(overrides, ["fabric"], f"the fabric of each sequence is the one that {file.path} states for it")
         if self.is_baseline:
-            _refuse(overrides, OF_ENERGIES, f"{self._make.func.__name__} is a baseline that minimises no energy")
+            nodes = [*OF_ENERGIES, "areal_density"]
+            _refuse(overrides, nodes, f"{self._make.func.__name__} is a baseline that minimises no energy")
         else:
             check_device(config.simulator.device)
 
@@ -78,6 +80,8 @@ class Method:
         names = ("simulator",) if self.is_baseline else ("simulator", *OF_ENERGIES, "fabric")
         config = self._with_fabric(sequence.fabric)
         nodes = {name: OmegaConf.to_container(config[name], resolve=True) for name in names}
+        if self.areal_density is not None:
+            nodes["areal_density"] = self.areal_density
         return {"data": {"path": str(self.file.path), "sequence": sequence.name}, **nodes}
 
     def _fabric(self, name: str) -> Fabric:
