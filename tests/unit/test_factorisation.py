@@ -18,7 +18,7 @@ def chain(stiffness: float, count: int = 30) -> sparse.csr_array:
 
 @pytest.mark.parametrize("stiffness", [2.0, 1e4, 1e12, 1e-12, 1e200])
 def test_one_matrix_after_the_other(stiffness):
-    """The same places with other values, then other places; from well to badly conditioned, beyond single precision."""
+    """The same places with other values, then other places; from well to badly conditioned, over many orders."""
     factors = Factorisation()
     for matrix in (chain(1.0), chain(stiffness), 3.0 * chain(stiffness), chain(stiffness, 41)):
         factors.factorise(sparse.triu(matrix, format="csr"))
