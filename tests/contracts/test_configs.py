@@ -32,6 +32,7 @@ ABLATIONS = sorted({path.stem for path in (CONF / "ablation").glob("*.yaml")} - 
 def _hydra():
     """Hydra, pointed at the project's own configuration."""
     GlobalHydra.instance().clear()
+    HydraConfig.instance().cfg = None
     with initialize_config_dir(str(CONF), version_base=None):
         yield
 

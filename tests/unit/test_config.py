@@ -312,9 +312,16 @@ class TestEntryPoint:
             except KeyboardInterrupt:
                 sys.exit(1)
 
+        def interrupted_in_compiled_code(config: DictConfig) -> None:
+            try:
+                raise KeyboardInterrupt
+            except KeyboardInterrupt as interrupt:
+                raise SystemError("returned a result with an exception set") from interrupt
+
         assert run(interrupted) == 130
         assert run(interrupted_in_lightning) == 130
-        assert capsys.readouterr().err == "interrupted; the same command goes on where this one stopped\n" * 2
+        assert run(interrupted_in_compiled_code) == 130
+        assert capsys.readouterr().err == "interrupted; the same command goes on where this one stopped\n" * 3
 
     def test_other_exit_codes_pass(self, run):
         assert run(lambda config: sys.exit(7)) == 7

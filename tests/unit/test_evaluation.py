@@ -32,7 +32,7 @@ class Counted(Method):
     """A method whose simulator counts its steps, and is interrupted after some."""
 
     def __init__(self, file: GarmentFile, stop: int | None = None):
-        self.file, self.stop, self.steps = file, stop, 0
+        self.file, self.stop, self.steps, self.areal_density = file, stop, 0, None
 
     def prepare(self, sequences):
         self.fabrics = {sequence.fabric for sequence in sequences}

@@ -46,6 +46,8 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
             try:
                 return function(config)
             except Exception as error:
+                if _interrupted(error):
+                    raise KeyboardInterrupt from error
                 sentence = refusal(error)
                 if sentence is not None and HydraConfig.get().mode != RunMode.MULTIRUN:
                     _stop(sentence)
@@ -110,7 +112,7 @@ def _composition(error: HydraException) -> str:
 
 
 def _interrupted(stop: BaseException) -> bool:
-    """Ctrl+C, also where Lightning has turned it into ``exit(1)``."""
+    """Ctrl+C, also where Lightning has turned it into ``exit(1)``, or Numba into a SystemError."""
     return any(isinstance(cause, KeyboardInterrupt) for cause in causes(stop))
 
 
