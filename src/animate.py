@@ -17,7 +17,7 @@ from drape.report.animated import animated, explained
 from drape.report.preview import preview
 from drape.simulators.device import check_device
 from drape.simulators.rollout import COLUMNS, roll_out
-from drape.simulators.solver import solver
+from drape.simulators.solver import simulator_of
 
 SHAPES_FRAMES = ("scene", "fabric", "energy", "contact", "simulator")
 """Groups of the config that determine the frames."""
@@ -33,7 +33,7 @@ def main(config: DictConfig) -> None:
     scene = conf.instantiate(config.scene)
     fabric = conf.instantiate(config.energy)
     potential = IncrementalPotential.for_scene(scene, fabric.terms, conf.instantiate(config.contact))
-    simulator = solver(config.simulator, potential, scene, fabric.attributes)
+    simulator = simulator_of(config.simulator, potential, scene, fabric.attributes)
     if config.explain:
         Console().print(explained(potential, simulator.steps.step(scene.initial, 0.0, 1.0)).terminal())
         return

@@ -1,14 +1,19 @@
-"""Learn an energy from trajectories: ``python src/train.py model=eunet ablation=no_dissipation material=silk``."""
+"""Learn an energy, or a simulator: ``python src/train.py model=eunet ablation=no_dissipation material=silk``."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
+import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from drape import config as conf
+from drape.evaluation.run import evaluate_config
+from drape.metrics import simulator_record
+from drape.metrics.evaluation_record import EvaluationRecord
+from drape.report.garment_tables import kinds_table
 from drape.report.summary import summary
 from drape.training.run import train
 
@@ -25,16 +30,25 @@ GROUPS = {
 
 
 @conf.main("train")
-def main(config: DictConfig) -> float:
+def main(config: DictConfig) -> None:
     conf.check_ablation()
-    hydra = HydraConfig.get()
+    job = HydraConfig.get()
     choices = {name: conf.chosen(group) for name, group in GROUPS.items()}
-    choices["overrides"] = " ".join(hydra.overrides.task)
-    folder = Path(hydra.runtime.output_dir)
+    choices["overrides"] = " ".join(job.overrides.task)
+    folder = Path(job.runtime.output_dir)
     record = train(config, folder, choices)
     print(summary(record))
+    if config.evaluate and record.name == simulator_record.FILE and record.is_file():
+        print(kinds_table(scored(config, folder)).markdown())
     print(f"run directory: {os.path.relpath(folder)}")
-    return record.metrics["energy_error_J2/overall"]
+
+
+def scored(config: DictConfig, folder: Path) -> EvaluationRecord:
+    """The record of the trained simulator of ``folder`` on the test split, as src/evaluate.py would leave it."""
+    place = os.path.relpath(folder)
+    told = ["simulator=neural", f"simulator.checkpoint={place}/checkpoints/last.ckpt", f"data.path={config.data.path}"]
+    told.append(f"folder={place}/evaluation")
+    return evaluate_config(hydra.compose("evaluate", told), told, "neural", "").record
 
 
 if __name__ == "__main__":

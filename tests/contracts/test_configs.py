@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,17 +11,25 @@ import yaml
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from drape.config import check_config, instantiate
 from drape.config.ablation import NONE, compare_ablations
 from drape.config.entry_point import CONF
+from drape.errors import DrapeError
 
-SUPPLIED = {"datamodule": ["fabrics"], "training": ["metrics"]}
+SUPPLIED = {"datamodule": ["fabrics"], "training": ["metrics", "data"]}
 """What src/train.py adds to the arguments itself."""
 
-NEEDED = {("scene", "custom"): ["scene.mesh=shirt.obj"]}
+NEEDED = {("scene", "custom"): ["scene.mesh=shirt.obj"], ("simulator", "neural"): ["simulator.checkpoint=last.ckpt"]}
 """Values that an option leaves to the user (``???``)."""
+
+ROUTES = {"train": [[], ["model=mgn_s_eunet"], ["model=layersnet"], ["model=hood"]]}
+"""What else a contents page may be told so that an option makes sense."""
+
+OF_MODEL = {"no_estimation": "model=hood"}
+"""Ablations of another model than the default."""
 
 PAGES = sorted(path.stem for path in CONF.glob("*.yaml"))
 GROUPS = sorted({path.parent.relative_to(CONF).as_posix() for path in CONF.rglob("*/*.yaml")} - {"hydra"})
@@ -50,8 +59,8 @@ def checked(page: str, overrides: list[str]) -> DictConfig:
 
 
 @functools.cache
-def groups_of(page: str) -> set[str]:
-    return set(composed(page, []).hydra.runtime.choices)
+def groups_of(page: str, route: tuple[str, ...]) -> set[str]:
+    return set(composed(page, list(route)).hydra.runtime.choices)
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -61,11 +70,27 @@ def test_contents_pages_have_no_mistakes(page):
 
 @pytest.mark.parametrize(("group", "option"), OPTIONS)
 def test_every_option_can_be_chosen(group, option):
-    """On every contents page that has the group, wherever it puts it (``group@node``)."""
-    used = [(page, key) for page in PAGES for key in groups_of(page) if key.partition("@")[0] == group]
-    assert used, f"no contents page uses conf/{group}/"
-    for page, key in used:
-        checked(page, [f"{key}={option}", *NEEDED.get((group, option), [])])
+    """On every contents page that has the group, wherever it puts it (``group@node``), by one route at least."""
+    needed = NEEDED.get((group, option), [])
+    pages = {page: list(_places(page, group)) for page in PAGES}
+    assert any(pages.values()), f"no contents page uses conf/{group}/"
+    for page, places in pages.items():
+        refusals = (_refused(page, place, option, needed) for place in places)
+        assert not places or None in refusals, f"{page}: refused by every route: {places}"
+
+
+def _places(page: str, group: str) -> Iterator[tuple[list[str], str]]:
+    for route in ROUTES.get(page, [[]]):
+        yield from ((route, key) for key in groups_of(page, tuple(route)) if key.partition("@")[0] == group)
+
+
+def _refused(page: str, place: tuple[list[str], str], option: str, needed: list[str]) -> DrapeError | None:
+    route, key = place
+    try:
+        checked(page, [*route, f"{key}={option}", *needed])
+    except (DrapeError, HydraException) as error:
+        return error
+    return None
 
 
 def test_the_contents_page_of_training_is_in_the_order_of_overriding():
@@ -77,8 +102,9 @@ def test_the_contents_page_of_training_is_in_the_order_of_overriding():
 
 @pytest.mark.parametrize("name", ABLATIONS)
 def test_an_ablation_takes_something_away(name):
-    compare_ablations(lambda overrides: composed("train", overrides), [], [name])
-    checked("train", [f"ablation={name}"])
+    model = [OF_MODEL[name]] if name in OF_MODEL else []
+    compare_ablations(lambda overrides: composed("train", overrides), model, [name])
+    checked("train", [*model, f"ablation={name}"])
 
 
 @pytest.mark.parametrize("name", ABLATIONS)
@@ -95,7 +121,7 @@ def test_no_ablation_changes_nothing():
 
 
 def test_all_ablations_together():
-    checked("train", [f"ablation=[{','.join(ABLATIONS)}]"])
+    checked("train", [f"ablation=[{','.join(name for name in ABLATIONS if name not in OF_MODEL)}]"])
 
 
 @pytest.mark.parametrize(

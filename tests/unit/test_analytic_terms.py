@@ -13,6 +13,7 @@ from drape.energy.bending import Bending
 from drape.energy.external import ExternalForce
 from drape.energy.gravity import Gravity
 from drape.energy.inertia import Inertia
+from drape.energy.phys_material import THICKNESS, PhysMaterial
 from drape.energy.stvk import StVK
 from drape.errors import DrapeError
 from drape.scene.grid import square_grid
@@ -125,9 +126,92 @@ def test_no_force_no_term():
         ExternalForce()(x, replace(step, external_force=None))
 
 
-@pytest.mark.parametrize("make", [
-    lambda: StVK(shear_modulus=0.0), lambda: StVK(first_lame=-3e4), lambda: StVK(thickness=-1.0), lambda: Bending(0.0),
-])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: StVK(shear_modulus=0.0),
+        lambda: StVK(first_lame=-3e4),
+        lambda: StVK(thickness=-1.0),
+        lambda: Bending(0.0),
+    ],
+)
 def test_materials_without_a_rest_state_are_refused(make):
     with pytest.raises(DrapeError, match="expected"):
         make()
+
+
+# A number for each mesh of a batch
+
+SOFT = PhysMaterial(0.1, 17000.0, 9000.0, 2e-6)
+STIFF = PhysMaterial(0.5, 61000.0, 80000.0, 9e-4)
+
+
+def per_mesh(*materials: PhysMaterial) -> list:
+    """The terms of several materials, one for each mesh of a batch."""
+    _, shear, lame, bending = torch.tensor(materials, dtype=torch.float64).unbind(-1)
+    return [StVK(shear, lame, THICKNESS), Bending(bending)]
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["stvk", "bending"])
+@pytest.mark.parametrize("materials", [(SOFT, STIFF), (STIFF, SOFT)], ids=["soft first", "stiff first"])
+def test_a_batch_of_two_materials_is_the_two_alone(which, materials, cloth, small_cloth):
+    step, x_next = make_step(cloth, small_cloth)
+    term = per_mesh(*materials)[which]
+    energy, gradient = term.energy_and_gradient(x_next, step)
+    matrix = assembled(term.stencils(x_next, step), len(x_next))
+    parts = (slice(0, cloth.num_vertices), slice(cloth.num_vertices, len(x_next)))
+    for number, (mesh, part) in enumerate(zip((cloth, small_cloth), parts, strict=True)):
+        one, end = make_step(mesh)
+        alone = materials[number].terms()[which]
+        expected, forces = alone.energy_and_gradient(end, one)
+        torch.testing.assert_close(energy[number : number + 1], expected, rtol=1e-8, atol=0.0)
+        torch.testing.assert_close(term(x_next, step)[number : number + 1], expected, rtol=1e-8, atol=0.0)
+        assert (gradient[part] - forces).norm() < 1e-8 * forces.norm()
+        rows = slice(3 * part.start, 3 * part.stop)
+        hessian = assembled(alone.stencils(end, one), len(end))
+        assert (matrix[rows, rows] - hessian).abs().max() <= 1e-8 * hessian.abs().max()
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["stvk", "bending"])
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+def test_fast_gradient_of_two_materials_is_that_of_autograd(which, dtype, cloth, small_cloth):
+    step, x_next = make_step(cloth, small_cloth, dtype=dtype)
+    term = per_mesh(SOFT, STIFF)[which].to(dtype)
+    x = x_next.clone().requires_grad_()
+    energy = term(x, step)
+    (gradient,) = torch.autograd.grad(energy.sum(), x)
+    fast_energy, fast = term.energy_and_gradient(x, step)
+    tolerance = 1e-9 if dtype == torch.float64 else 1e-4
+    torch.testing.assert_close(fast_energy, energy.detach(), rtol=tolerance, atol=0.0)
+    assert fast.dtype == dtype
+    assert (fast - gradient).norm() < tolerance * gradient.norm()
+
+
+def test_energies_are_differentiable_in_the_material_and_fast_ones_hold_no_graph(small_cloth):
+    step, x_next = make_step(small_cloth, small_cloth)
+    numbers = torch.tensor([SOFT, STIFF], dtype=torch.float64)
+    scale = numbers.mean(0)
+
+    def energies(shear, lame, bending, x):
+        return StVK(shear * scale[1], lame * scale[2])(x, step) + 1e4 * Bending(bending * scale[3])(x, step)
+
+    inputs = [(numbers / scale)[:, k].clone().requires_grad_() for k in (1, 2, 3)]
+    assert torch.autograd.gradcheck(energies, [*inputs, x_next.requires_grad_()], atol=1e-6, rtol=1e-5)
+    for term in (StVK(inputs[0], inputs[1]), Bending(inputs[2])):
+        assert not any(value.requires_grad for value in term.energy_and_gradient(x_next, step))
+        assert not any(piece.blocks.requires_grad for piece in term.stencils(x_next, step))
+
+
+def test_numbers_for_other_meshes_than_those_of_the_batch_are_refused(small_cloth):
+    step, x_next = make_step(small_cloth)
+    for term in per_mesh(SOFT, STIFF):
+        with pytest.raises(DrapeError, match="found 2 numbers for a batch of 1 meshes; expected one for each"):
+            term(x_next, step)
+
+
+@pytest.mark.parametrize("make", [
+    lambda bad: StVK(bad, torch.ones(2)), lambda bad: StVK(torch.ones(2), bad - 1.5), Bending,
+], ids=["shear", "lame", "bending"])  # fmt: skip
+def test_one_mesh_without_a_rest_state_is_enough_to_be_refused(make):
+    with pytest.raises(DrapeError, match="expected"):
+        make(torch.tensor([1.0, 0.0]))

@@ -14,7 +14,7 @@ from drape.energy.incremental_potential import IncrementalPotential
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
 from drape.simulators.simulator import Simulator
-from drape.simulators.solver import solver
+from drape.simulators.solver import simulator_of
 
 
 class Composed:
@@ -57,4 +57,4 @@ class Composed:
         """A solver for ``scene``, with single settings of the node ``simulator`` replaced."""
         law = self.law(energy, fabric)
         potential = IncrementalPotential.for_scene(scene, law.terms)
-        return solver(self.config.simulator, potential, scene, law.attributes, **settings)
+        return simulator_of(self.config.simulator, potential, scene, law.attributes, **settings)

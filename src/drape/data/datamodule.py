@@ -14,6 +14,7 @@ from torch import Tensor
 
 from drape.data.hdf5 import TrajectoryFile
 from drape.data.loader import WindowLoader
+from drape.data.statistics import training_statistics
 from drape.data.windows import Window
 from drape.errors import DrapeError
 from drape.scene.material import attribute_vector
@@ -87,6 +88,10 @@ class TrajectoryDataModule(lightning.LightningDataModule):
     def attributes_of(self, fabric: str) -> Float[Tensor, " attributes"]:
         """The vector **a** of one fabric of the file, as the networks see it (float64)."""
         return self._attributes[self.file.fabrics.index(fabric)]
+
+    def statistics(self) -> dict[str, float]:
+        """See :func:`training_statistics`."""
+        return training_statistics(self)
 
     def windows(self, sequences: np.ndarray, indices: np.ndarray) -> Window:
         """The windows of the given numbers, counted through ``sequences``, as one batch."""

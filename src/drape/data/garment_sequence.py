@@ -109,9 +109,16 @@ class GarmentSequence:
     @cached_property
     def skinned(self) -> Float[np.ndarray, "frames vertices 3"] | None:
         """The garment as its skinning weights carry it [m]; None where there are no weights or no transforms."""
-        if not (self._has("transforms") and f"garments/{self.garment}/bones" in self.file.index.layouts):
-            return None
-        return self._posed(f"garments/{self.garment}", 0, self.num_frames)
+        return self.carried(0, self.num_frames) if self.is_carried else None
+
+    @property
+    def is_carried(self) -> bool:
+        """There are skinning weights of the garment, and transforms."""
+        return self._has("transforms") and f"garments/{self.garment}/bones" in self.file.index.layouts
+
+    def carried(self, start: int, length: int) -> Float[np.ndarray, "frames vertices 3"]:
+        """The garment as its skinning weights carry it in frames ``start`` to ``start + length`` (exclusive) [m]."""
+        return self._posed(f"garments/{self.garment}", start, start + length)
 
     def window(self, start: int, length: int) -> GarmentWindow:
         """Frames ``start`` to ``start + length`` (exclusive); nothing else is read.

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-from drape.data.datamodule import TrajectoryDataModule
 from drape.scene.geometry import EdgeGeometry
+
+if TYPE_CHECKING:
+    from drape.data.datamodule import TrajectoryDataModule
 
 WINDOWS = 512
 """Number of training windows that are looked at, evenly spaced."""

@@ -8,11 +8,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.energy.per_mesh import PerMesh, everywhere, hold, of_pieces
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.errors import DrapeError
 from drape.scene.geometry import TINY
-from drape.scene.mesh_batch import MeshBatch
 from drape.scene.rest_shape import HingeShape
 
 DEGENERATE = 1e-12
@@ -35,7 +35,7 @@ class Bending(EnergyTerm):
     ``r = l Δθ``, and its gradient and Gauss-Newton Hessian come from ∂r/∂x, which stays bounded as l goes to zero.
 
     Args:
-        stiffness: k [J]; the default is HOOD's.
+        stiffness: k [J]; one number, or one for each mesh of the batch. The default is HOOD's.
 
     Raises:
         DrapeError: a stiffness that is not positive.
@@ -43,21 +43,22 @@ class Bending(EnergyTerm):
 
     name = "bending"
 
-    def __init__(self, stiffness: float = 3.9625778e-05):
+    def __init__(self, stiffness: PerMesh = 3.9625778e-05):
         super().__init__()
-        if not stiffness > 0:
+        if not everywhere(stiffness > 0):
             raise DrapeError(f"energy term bending: stiffness {stiffness} J; expected more than 0")
-        self.stiffness = stiffness
+        hold(self, "stiffness", stiffness)
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
-        bend = self._bend(x_next, step.mesh)
+        bend = self._bend(x_next, step)
         energies = 0.5 * bend.weight * (bend.shape.length * bend.angle).square()
         return step.sum_stencils(energies, step.mesh.rest_hinges.corners.vertices[:, 0])
 
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
-        bend = self._bend(x_next.detach(), step.mesh)
+        bend = self._bend(x_next.detach(), step)
+        bend = bend._replace(weight=bend.weight.detach())
         corners = step.mesh.rest_hinges.corners
         size = bend.shape.length * bend.angle
         pull = bend.weight * size
@@ -66,20 +67,22 @@ class Bending(EnergyTerm):
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
         """``k / (4 (A1 + A2)) ∂r ∂rᵀ`` (Gauss-Newton): the Hessian where Δθ = 0."""
-        bend = self._bend(x_next.detach(), step.mesh)
+        bend = self._bend(x_next.detach(), step)
+        bend = bend._replace(weight=bend.weight.detach())
         row = _slope(bend, bend.weight.sqrt())
         blocks = (row[:, None] * row).view(4, 3, 4, 3, -1)
         return [Stencils(step.mesh.rest_hinges.corners.vertices, blocks.permute(4, 0, 1, 2, 3))]
 
-    def _bend(self, x: Float[Tensor, "vertices 3"], mesh: MeshBatch) -> _Bend:
-        rest = mesh.rest_hinges
-        shape = HingeShape(rest.corners.gather(x), TINY * mesh.length_scale)
+    def _bend(self, x: Float[Tensor, "vertices 3"], step: Step) -> _Bend:
+        rest = step.mesh.rest_hinges
+        shape = HingeShape(rest.corners.gather(x), TINY * step.mesh.length_scale)
         rest_cosine, rest_sine = rest.cosine.to(x.dtype), rest.sine.to(x.dtype)
         cosine = shape.cosine * rest_cosine + shape.sine * rest_sine
         sine = shape.sine * rest_cosine - shape.cosine * rest_sine
         flat = cosine.square() + sine.square() < DEGENERATE
         angle = torch.atan2(sine, cosine.masked_fill(flat, 1.0))
-        return _Bend(shape, angle, (self.stiffness / (4.0 * rest.area)).to(x.dtype))
+        stiffness = of_pieces(self.stiffness, step, rest.corners.vertices[:, 0], x.dtype)
+        return _Bend(shape, angle, (stiffness / (4.0 * rest.area)).to(x.dtype))
 
 
 def _slope(bend: _Bend, factor: Float[Tensor, " hinges"]) -> Float[Tensor, "12 hinges"]:

@@ -11,12 +11,14 @@ from torch import Tensor
 
 from drape.data.datamodule import TrajectoryDataModule
 from drape.energy.bending import Bending
+from drape.energy.deformation import Deformation, Stretch
 from drape.energy.dissipation import Dissipation
 from drape.energy.edge_law import EdgeLaw
 from drape.energy.elastic import ElasticEnergy
 from drape.energy.load_law import load_baked, load_law
 from drape.energy.mass_spring import MassSpringLaw
 from drape.energy.springs import SpringEnergy
+from drape.energy.stretch_only import StretchOnly
 from drape.energy.stvk import StVK
 from drape.energy.term import EnergyTerm
 from drape.scene.material import ATTRIBUTES, Material
@@ -30,24 +32,28 @@ class Fabric(NamedTuple):
     """The scaled vector **a**."""
 
 
-def eunet(checkpoint: str, transfer: bool, material: Material) -> Fabric:
+def eunet(checkpoint: str, transfer: bool, material: Material, deformation: Deformation | None = None) -> Fabric:
     """The learned law of a checkpoint of ``train.py``; see :class:`ElasticEnergy` for ``transfer``.
+
+    ``deformation``: what its edges may feel; None for all that they have learned to.
 
     Raises:
         DrapeError: no such checkpoint, or one that was not trained on this fabric.
     """
     law, attributes = load_law(checkpoint, material)
-    return Fabric(_terms(law, transfer), attributes)
+    return Fabric(_terms(law, transfer, deformation), attributes)
 
 
-def eunet_baked(table: str, transfer: bool, material: Material) -> Fabric:
-    """The learned law as a table of splines, made by ``bake.py``.
+def eunet_baked(table: str, transfer: bool, material: Material, deformation: Deformation | None = None) -> Fabric:
+    """The learned law as a table of splines, made by ``bake.py``; ``{fabric}`` in its name stands for the fabric's.
+
+    ``deformation`` as in :func:`eunet`.
 
     Raises:
         DrapeError: no such table, or that of another fabric.
     """
-    law, attributes = load_baked(table, material)
-    return Fabric(_terms(law, transfer), attributes)
+    law, attributes = load_baked(table.replace("{fabric}", material.name), material)
+    return Fabric(_terms(law, transfer, deformation), attributes)
 
 
 def phys(shear_modulus: float, first_lame: float, thickness: float, bending_stiffness: float) -> Fabric:
@@ -68,5 +74,7 @@ def mass_spring(path: str, windows: int, material: Material) -> Fabric:
     return Fabric([SpringEnergy(law, fabric)], torch.zeros(len(ATTRIBUTES), dtype=torch.float64))
 
 
-def _terms(law: EdgeLaw, transfer: bool) -> list[EnergyTerm]:
+def _terms(law: EdgeLaw, transfer: bool, deformation: Deformation | None) -> list[EnergyTerm]:
+    if deformation is not None and deformation.size == Stretch.size:
+        law = StretchOnly(law)
     return [ElasticEnergy(law, transfer=transfer), *([Dissipation(law)] if law.dissipates else [])]

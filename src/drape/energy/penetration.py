@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 from jaxtyping import Float, Int
@@ -9,6 +11,15 @@ from torch import Tensor
 
 from drape.energy.nearest_faces import NearestFaces
 from drape.energy.step import Step
+
+
+class Body(NamedTuple):
+    """The bodies of a batch at one time."""
+
+    faces: Int[Tensor, "body_faces 3"]
+    mesh_of_face: Int[Tensor, " body_faces"]
+    x: Float[Tensor, "body_vertices 3"]
+    """[m]"""
 
 
 def faces_at_end(x_next: Float[Tensor, "vertices 3"], step: Step, search_range: float) -> NearestFaces:
@@ -71,3 +82,14 @@ def _near(x: np.ndarray, faces: np.ndarray, body: np.ndarray, search_range: floa
     zeros = torch.zeros(max(len(points), len(triangles)), dtype=torch.long)
     meshes = zeros[: len(points)], zeros[: len(triangles)]
     return NearestFaces.find(points, meshes[0], triangles, meshes[1], places, places, search_range)
+
+
+def cleared(
+    x: Float[Tensor, "vertices 3"], mesh_of_vertex: Int[Tensor, " vertices"], body: Body, clearance: float, reach: float
+) -> Float[Tensor, "vertices 3"]:
+    """Vertices nearer to the body than ``clearance`` [m], or inside, moved there; looked for up to ``reach`` [m]."""
+    near = NearestFaces.find(x, mesh_of_vertex, body.faces, body.mesh_of_face, body.x, body.x, reach)
+    close = near.distance < clearance
+    vertices = near.vertices[close]
+    return x.index_copy(0, vertices, near.end.point[close] + clearance * near.end.normal[close])
+

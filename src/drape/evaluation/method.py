@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import cached_property
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
@@ -18,8 +19,9 @@ from drape.errors import DrapeError
 from drape.scene.material import Material
 from drape.scene.scene import Scene
 from drape.simulators.device import check_device
+from drape.simulators.neural.checkpoint import load_simulator
 from drape.simulators.simulator import Simulator
-from drape.simulators.solver import is_baseline
+from drape.simulators.solver import asks_for
 
 OF_ENERGIES = ("energy", "contact")
 """Groups that mean something only where energies are minimised."""
@@ -46,17 +48,27 @@ class Method:
         self._make = conf.instantiate(config.simulator)
         self.areal_density = None if config.areal_density is None else float(config.areal_density)
         self._fabrics: dict[str, Fabric] = {}
-        self.is_baseline = is_baseline(self._make)
+        self._asks = asks_for(self._make)
+        self.minimises = "potential" in self._asks
         _refuse(overrides, ["fabric"], f"the fabric of each sequence is the one that {file.path} states for it")
-        if self.is_baseline:
+        if not self.minimises:
             nodes = [*OF_ENERGIES, "areal_density"]
-            _refuse(overrides, nodes, f"{self._make.func.__name__} is a baseline that minimises no energy")
-        else:
+            _refuse(overrides, nodes, f"simulator {self._make.func.__name__} minimises no energy")
+        if "device" in config.simulator:
             check_device(config.simulator.device)
 
     def named(self, simulator: str, energy: str) -> str:
-        """Simulator and energy as one name; a baseline has no energy."""
-        return simulator if self.is_baseline else f"{simulator}_{energy}"
+        """Simulator and energy as one name, or what a network was trained as."""
+        if (told := self.training) is not None:
+            name = told["row"] if told["ablation"] == "none" else f"{told['row']}_{told['ablation']}"
+            return f"{name}_{told['scale']}_seed_{told['seed']}"
+        return f"{simulator}_{energy}" if self.minimises else simulator
+
+    @cached_property
+    def training(self) -> dict[str, Any] | None:
+        """How the network of the simulator came about; None where there is none."""
+        checkpoint = self.config.simulator.get("checkpoint")
+        return None if checkpoint is None else load_simulator(checkpoint).training
 
     def prepare(self, sequences: Sequence[GarmentSequence]) -> None:
         """Build what the sequences need, so that mistakes come before the work.
@@ -64,24 +76,27 @@ class Method:
         Raises:
             DrapeError: the energies do not know a fabric.
         """
-        for fabric in dict.fromkeys(sequence.fabric for sequence in sequences if not self.is_baseline):
+        for fabric in dict.fromkeys(sequence.fabric for sequence in sequences if self.minimises):
             self._fabric(fabric)
 
     def simulator(self, sequence: GarmentSequence, scene: Scene) -> Simulator:
         """What animates ``scene``, which is made of ``sequence``."""
-        if self.is_baseline:
-            return self._make(scene=scene, sequence=sequence)
+        if not self.minimises:
+            offered = {"scene": scene, "sequence": sequence}
+            return self._make(**{name: offered[name] for name in self._asks})
         fabric = copy.deepcopy(self._fabric(sequence.fabric))
         potential = IncrementalPotential.for_scene(scene, fabric.terms, conf.instantiate(self.config.contact))
         return self._make(potential=potential, scene=scene, attributes=fabric.attributes)
 
     def settings(self, sequence: GarmentSequence) -> dict[str, Any]:
         """What determines the frames of ``sequence``, as plain values."""
-        names = ("simulator",) if self.is_baseline else ("simulator", *OF_ENERGIES, "fabric")
+        names = ("simulator", *OF_ENERGIES, "fabric") if self.minimises else ("simulator",)
         config = self._with_fabric(sequence.fabric)
         nodes = {name: OmegaConf.to_container(config[name], resolve=True) for name in names}
         if self.areal_density is not None:
             nodes["areal_density"] = self.areal_density
+        if self.training is not None:
+            nodes["training"] = self.training
         return {"data": {"path": str(self.file.path), "sequence": sequence.name}, **nodes}
 
     def _fabric(self, name: str) -> Fabric:

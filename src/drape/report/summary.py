@@ -2,10 +2,34 @@
 
 from __future__ import annotations
 
-from drape.metrics.record import RunRecord
+from collections.abc import Mapping
+from pathlib import Path
+
+from drape.metrics import simulator_record
+from drape.metrics.record import RunRecord, read_json
 
 
-def summary(run: RunRecord) -> str:
+def summary(path: Path) -> str:
+    """What the record of a training at ``path`` says; of a trial run, which leaves none, only that."""
+    if not path.is_file():
+        return "a trial run: nothing was recorded"
+    return _simulator(read_json(path)) if path.name == simulator_record.FILE else _energy(RunRecord.load(path.parent))
+
+
+def _simulator(content: Mapping) -> str:
+    told, watched = content["training"], content["watched"]
+    name = told["row"] if told["ablation"] == "none" else f"{told['row']} {told['ablation']}"
+    effort = f"seed {told['seed']}, {told['iterations']} iterations, {told['seconds']:.0f} s"
+    lines = [f"{name} has learned to simulate ({effort})"]
+    if watched:
+        lines.append(
+            f"  watched sequences of the test split: error {watched['error_mm']:.1f} mm, inside the body "
+            f"{watched['inside_percent']:.2f} %, {watched['ms_per_frame']:.0f} ms per frame"
+        )
+    return "\n".join(lines)
+
+
+def _energy(run: RunRecord) -> str:
     """A line for each fabric: stiffness beside Blender's, force residual beside the bars, squared energy error."""
     name = run.model if run.ablation == "none" else f"{run.model} {run.ablation}"
     lines = [f"what {name} has learned (seed {run.seed}, {run.setting['steps']} steps, test split):"]

@@ -12,9 +12,11 @@ from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from torch import Tensor
 
+from drape.scene.coarse_levels import CoarseLevels
 from drape.scene.corners import Corners
 from drape.scene.geometry import EdgeGeometry
 from drape.scene.mesh import ClothMesh
+from drape.scene.patches import Patches
 from drape.scene.rest_shape import RestFaces, RestHinges
 
 
@@ -115,6 +117,28 @@ class MeshBatch:
 
     @cached_property
     def _pairs(self) -> dict[int, Tensor]:
+        return {}
+
+    def patches(self, size: float) -> Patches:
+        """Patches of about ``size`` [m] along each side; computed once for each ``size``."""
+        if size not in self._patches:
+            arrays = (self.rest_positions, self.edges, self.mesh_of_vertex)
+            patches = Patches.of_batch(*(array.cpu().numpy() for array in arrays), size)
+            self._patches[size] = patches.to(self.edges.device)
+        return self._patches[size]
+
+    @cached_property
+    def _patches(self) -> dict[float, Patches]:
+        return {}
+
+    def coarse_levels(self, count: int) -> CoarseLevels:
+        """HOOD's first ``count`` coarse levels of the edges; computed once for each ``count``."""
+        if count not in self._coarse_levels:
+            self._coarse_levels[count] = CoarseLevels.of(self.edges, self.num_vertices, count)
+        return self._coarse_levels[count]
+
+    @cached_property
+    def _coarse_levels(self) -> dict[int, CoarseLevels]:
         return {}
 
     def to(self, device: torch.device | str) -> MeshBatch:

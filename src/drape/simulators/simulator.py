@@ -25,6 +25,10 @@ class Outcome(Enum):
         "the energy of the present frame is not finite, so there is no next one; the cloth stays where it is. Look "
         "for impossible pins or a damaged initial state"
     )
+    NOT_PREDICTED = (
+        "the network predicts numbers that are not finite; the cloth stays where it is. The motion is unlike anything "
+        "that it was trained on: train longer, or use simulator=implicit"
+    )
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The solver of a config, for a scene and its energies."""
+"""The simulator of a config, for a scene and, where it minimises them, its energies."""
 
 from __future__ import annotations
 
@@ -13,37 +13,39 @@ from drape import config as conf
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
-from drape.simulators.baseline import Baseline
 from drape.simulators.simulator import Simulator
 
 
-def is_baseline(make: object) -> bool:
-    """Whether the node ``simulator`` of a config is a :class:`Baseline`, which minimises no energy.
+def asks_for(make: object) -> set[str]:
+    """What the node ``simulator`` of a config, built, still asks for: ``scene``; a solver ``potential`` and
+    ``attributes``, a baseline the recorded ``sequence``.
 
     Raises:
         DrapeError: it has been built already, without a scene.
     """
     if not isinstance(make, functools.partial):
         raise DrapeError("conf: simulator: found no _partial_; expected _partial_: true, as the scene comes later")
-    return inspect.isclass(make.func) and issubclass(make.func, Baseline)
+    return set(inspect.signature(make.func).parameters) & {"scene", "potential", "attributes", "sequence"}
 
 
-def solver(
+def simulator_of(
     node: DictConfig,
     potential: IncrementalPotential,
     scene: Scene,
     attributes: Float[Tensor, " attributes"],
     **settings: object,
 ) -> Simulator:
-    """What minimises ``potential``; ``settings`` replace single values of the ``node``.
+    """What animates ``scene``: a solver that minimises ``potential``, or a network; ``settings`` replace values of
+    the ``node``.
 
     Raises:
-        DrapeError: a simulator that minimises nothing.
+        DrapeError: a simulator that follows a recorded garment.
     """
     make = conf.instantiate(node, **settings)
-    if is_baseline(make):
+    if "sequence" in asks_for(make):
         raise DrapeError(
-            f"conf: simulator: found {make.func.__name__}, which follows a recorded garment; expected a solver that "
+            f"conf: simulator: found {make.func.__name__}, which follows a recorded garment; expected a simulator that "
             "animates any scene; choose simulator=implicit, or src/evaluate.py"
         )
-    return make(potential, scene, attributes)
+    offered = {"scene": scene, "potential": potential, "attributes": attributes}
+    return make(**{name: value for name, value in offered.items() if name in asks_for(make)})

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import lightning
-
-from drape.data.windows import Window
-from drape.energy.checkpoint import describe
 
 
 class Stopwatch(lightning.Callback):
@@ -37,15 +35,13 @@ class Stopwatch(lightning.Callback):
 
 
 class SelfDescription(lightning.Callback):
-    """Put the resolved config, versions and an evaluated example into every checkpoint (energy/checkpoint.py)."""
+    """Put what ``describe`` returns, plain containers, into every checkpoint: its entry ``drape``."""
 
-    def __init__(self, config: dict[str, Any], example: Window):
-        self._config = config
-        self._example = example
+    def __init__(self, describe: Callable[[], dict[str, Any]]):
+        self._describe = describe
 
     def on_save_checkpoint(
         self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Add the entry ``drape``."""
-        example = self._example.to(pl_module.device)
-        checkpoint["drape"] = describe(self._config, pl_module.energy, example)
+        """Add the entry."""
+        checkpoint["drape"] = self._describe()

@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import lightning
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torchmetrics import MetricCollection
 
+from drape.data.datamodule import TrajectoryDataModule
 from drape.data.windows import Window
+from drape.energy.checkpoint import describe, versions
 from drape.energy.eunet import EUNet
+from drape.energy.mass_spring import MassSpringLaw
 from drape.energy.step_energies import StepEnergies
 from drape.errors import DrapeError
+from drape.loss.contrastive import Contrastive
 from drape.loss.term import LossTerm
+from drape.metrics import record
+from drape.metrics.family import energy_metrics
 from drape.training.schedule import Schedule
+
+LAW_WINDOWS = 1024
+"""Training windows that the mass-spring law is fitted on, evenly spaced."""
+METRIC_SIGMA = 1e-5
+"""Largest standard deviation of the disturbances whose violations are counted [m]."""
 
 
 class EnergyTraining(lightning.LightningModule):
@@ -31,6 +44,9 @@ class EnergyTraining(lightning.LightningModule):
     Raises:
         DrapeError: no loss term, or a term that is not finite (the term and the step are named).
     """
+
+    RECORD = record.FILE
+    """Name of the file that is left in the end."""
 
     def __init__(
         self,
@@ -51,6 +67,20 @@ class EnergyTraining(lightning.LightningModule):
         self._make_optimizer = optimizer
         self._schedule = schedule
         self._seed = seed
+
+    @staticmethod
+    def supplied(data: TrajectoryDataModule) -> dict[str, object]:
+        """What the data give to the constructor: metrics, among them the bar that a fitted mass-spring law sets."""
+        law = MassSpringLaw.fit(data.spaced_windows(LAW_WINDOWS, data.eval_batch_size), len(data.file.fabrics))
+        tension = {name: float(material["tension_stiffness"]) for name, material in data.file.materials.items()}
+        contrastive = Contrastive(weight=1.0, sigma=METRIC_SIGMA)
+        return {"metrics": energy_metrics(data.file.fabrics, contrastive=contrastive, tension=tension, law=law)}
+
+    def described(
+        self, config: dict[str, Any], choices: Mapping[str, str], data: TrajectoryDataModule, seconds: float
+    ) -> dict[str, Any]:
+        """What a checkpoint says of itself; its example is the first window of validation."""
+        return describe(config, self.energy, data.windows(data.validation_sequences, np.arange(1)).to(self.device))
 
     def on_train_batch_start(self, batch: Window, batch_idx: int) -> None:
         """Seed the disturbances, so that a resumed training draws what the uninterrupted one would."""
@@ -103,3 +133,32 @@ class EnergyTraining(lightning.LightningModule):
         total = self.trainer.estimated_stepping_batches
         scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: self._schedule(step / total))
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
+
+    def finish(
+        self, config: dict[str, Any], choices: Mapping[str, str], data: TrajectoryDataModule, seconds: float
+    ) -> record.RunRecord:
+        """Test, and what there is to say of the training afterwards."""
+        results = self.trainer.test(self, data, verbose=False)[0]
+        return record.RunRecord(
+            model=choices["model"],
+            ablation=choices["ablation"],
+            seed=config["seed"],
+            variant={name: choices[name] for name in ("potential", "dissipation", "loss") if name in choices},
+            setting={
+                "data": config["data"]["name"],
+                "material": choices["material"],
+                "scale": choices["scale"],
+                "width": config["scale"]["width"],
+                "steps": self.global_step,
+            },
+            metrics={name.removeprefix("test/"): float(value) for name, value in results.items()},
+            provenance={
+                "command": "python src/train.py " + choices["overrides"],
+                "data": config["data"]["path"],
+                "train_sequences": len(data.train_sequences),
+                "test_sequences": len(data.test_sequences),
+                "seconds": round(seconds, 1),
+                "parameters": sum(p.numel() for p in self.energy.parameters()),
+                "versions": versions(),
+            },
+        )

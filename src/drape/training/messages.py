@@ -11,6 +11,7 @@ WARNINGS = (
     "Experiment logs directory .* exists and is not empty",  # of a continued training; metrics_csv.py saves its rows
     "Checkpoint directory .* exists and is not empty",  # of a continued training; that is what it continues from
     r"The number of training batches \(\d+\) is smaller than the logging interval",  # steps are counted over epochs
+    "Using ModelCheckpoint with manual optimization",  # saves after the update, as it should
     r"`isinstance\(treespec, LeafSpec\)` is deprecated",  # Lightning's own use of PyTorch
 )
 """Beginnings of warnings, as regular expressions."""

@@ -1,0 +1,43 @@
+"""One evaluation from config to record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from omegaconf import DictConfig
+
+from drape import config as conf
+from drape.data.garment_hdf5 import GarmentFile
+from drape.evaluation.garments import evaluate
+from drape.evaluation.method import Method
+from drape.evaluation.output import save
+from drape.evaluation.scored_sequence import ScoredSequence
+from drape.metrics.evaluation_record import EvaluationRecord
+
+
+class Evaluated(NamedTuple):
+    """What came out, and where it lies."""
+
+    record: EvaluationRecord
+    scored: list[ScoredSequence]
+    folder: Path
+
+
+def evaluate_config(config: DictConfig, overrides: Sequence[str], simulator: str, energy: str) -> Evaluated:
+    """Animate and score what a config composed from ``conf/evaluate.yaml`` says.
+
+    ``overrides`` are those of its command line; ``simulator`` and ``energy`` the options of these groups.
+
+    Raises:
+        DrapeError: mistakes in the config or the data.
+    """
+    conf.check_config(config, contents="evaluate")
+    file, selection = GarmentFile(config.data.path), conf.instantiate(config.selection)
+    method = Method(config, file, overrides)
+    name = config.name or method.named(simulator, energy)
+    folder = Path(config.folder or f"{config.runs}/{file.path.stem}_{selection.split}/{name}")
+    scored = evaluate(method, selection.of(file), folder)
+    command = " ".join(["python src/evaluate.py", *overrides])
+    return Evaluated(save(scored, method, name, selection.split, command, folder), scored, folder)

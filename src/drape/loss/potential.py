@@ -1,0 +1,78 @@
+"""The incremental potential of a predicted step: a network that minimises it needs no recorded garments."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from drape.energy.contact import Contact
+from drape.energy.friction import Friction
+from drape.energy.gravity import Gravity
+from drape.energy.inertia import Inertia
+from drape.energy.step import Step
+from drape.energy.term import EnergyTerm
+from drape.loss.prediction import Prediction, PredictionLoss
+
+
+class Potential(PredictionLoss):
+    """Mean of ``(inertia + gravity + Σ energies of the fabric + contact [+ friction]) / mass`` [J/kg] (paper, eq. 8).
+
+    Per mass, so that garments of silk and of denim count alike; a frame's free fall is worth g² dt²/2 = 0.05 J/kg.
+    The stiffness of contact grows over the training, as in HOOD (FACTS 3.4): a network that has learned nothing yet
+    would see nothing but contact. Energies bring their own gradients, from compiled kernels where there are some.
+
+    Args:
+        weight: of the sum.
+        stiffness: of contact in the end, per mean mass of a vertex [N/(m² kg)].
+        thickness: distance from the body at which contact begins [m].
+        search_range: how far away from the body a vertex at t is looked at [m].
+        ramp: (share of ``stiffness`` at first, progress at which it begins to grow, progress at which it is 1).
+        friction: coefficient μ; None where the energy has no such term.
+    """
+
+    def __init__(
+        self,
+        weight: float,
+        stiffness: float,
+        thickness: float,
+        search_range: float,
+        ramp: tuple[float, float, float],
+        friction: float | None,
+    ):
+        super().__init__(weight)
+        self.stiffness, self.thickness, self.search_range = stiffness, thickness, search_range
+        self.ramp, self.friction = tuple(ramp), friction
+
+    def forward(self, prediction: Prediction) -> dict[str, Tensor]:
+        step = prediction.step
+        mass = step.mesh.sum_vertices(step.mass)
+        values = {}
+        for term in self.terms(prediction):
+            energy = _WithGradient.apply(prediction.x_next, term, step, step.mesh.mesh_of_vertex)
+            values[term.name] = (energy / mass).mean()
+        return values
+
+    def terms(self, prediction: Prediction) -> list[EnergyTerm]:
+        """The summands of the potential at this point of the training."""
+        first, begin, end = self.ramp
+        risen = min(max((prediction.progress - begin) / max(end - begin, 1e-9), 0.0), 1.0)
+        share = first + (1.0 - first) * risen
+        stiffness = self.stiffness * share * float(prediction.step.mass.mean())
+        contact = Contact(stiffness, self.thickness, self.search_range)
+        friction = [] if self.friction is None else [Friction(self.friction, contact)]
+        return [Inertia(), Gravity(), *prediction.terms, contact, *friction]
+
+
+class _WithGradient(torch.autograd.Function):
+    """The energy of a term with the gradient that it computes itself."""
+
+    @staticmethod
+    def forward(ctx: object, x_next: Tensor, term: EnergyTerm, step: Step, mesh_of_vertex: Tensor) -> Tensor:
+        energy, gradient = term.energy_and_gradient(x_next, step)
+        ctx.save_for_backward(gradient, mesh_of_vertex)
+        return energy
+
+    @staticmethod
+    def backward(ctx: object, by_energy: Tensor) -> tuple[Tensor, None, None, None]:
+        gradient, mesh_of_vertex = ctx.saved_tensors
+        return by_energy[mesh_of_vertex, None].to(gradient.dtype) * gradient, None, None, None

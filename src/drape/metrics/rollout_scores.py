@@ -1,0 +1,48 @@
+"""How well a network animates a recorded garment: what is watched while it learns."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from torch import nn
+
+from drape.data.garment_scene import recorded_scene
+from drape.data.garment_sequence import GarmentSequence
+from drape.energy.penetration import depth_inside
+from drape.metrics.collision import behind_nearest_vertex
+from drape.metrics.garment_scores import DEPTH
+from drape.metrics.position import distance_by_frame
+from drape.simulators.neural.cloths import Cloths
+from drape.simulators.neural.neural import NeuralSimulator
+
+EVERY = 8
+"""Collisions are counted in every so many frames."""
+
+
+def rollout_scores(
+    network: nn.Module, cloths: Cloths, sequence: GarmentSequence, frames: int | None = None
+) -> dict[str, float]:
+    """Scores of the whole sequence animated from two recorded frames: means over the frames.
+
+    ``error_mm``, ``last_error_mm``, ``collision_percent`` (the paper's), ``inside_percent``, ``ms_per_frame``.
+    """
+    scene = recorded_scene(sequence, frames)
+    device = next(network.parameters()).device
+    simulator = NeuralSimulator(network, cloths, scene, str(device))
+    states, began = [scene.initial], time.perf_counter()
+    for frame in range(scene.frames):
+        states.append(simulator.step(states[-1], frame).state)
+    seconds = time.perf_counter() - began
+    x = np.stack([state.x for state in states])
+    error = 1e3 * distance_by_frame(x, scene.reference[: len(x)])[1:]
+    looked, faces = range(EVERY, len(x), EVERY), scene.obstacle.faces
+    inside = [(depth_inside(x[k], faces, scene.obstacle.at(k), DEPTH) > 0).mean() for k in looked]
+    behind = [behind_nearest_vertex(x[k], scene.obstacle.at(k), faces).mean() for k in looked]
+    return {
+        "error_mm": float(error.mean()),
+        "last_error_mm": float(error[-1]),
+        "collision_percent": 100.0 * float(np.mean(behind)) if behind else 0.0,
+        "inside_percent": 100.0 * float(np.mean(inside)) if inside else 0.0,
+        "ms_per_frame": 1e3 * seconds / scene.frames,
+    }

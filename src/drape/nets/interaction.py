@@ -1,0 +1,107 @@
+"""The interaction layer of LayersNet: attention of receivers to senders along lists of edges."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from drape.nets.body_frame import BodyFrameMessages
+from drape.nets.mlp import feed_forward
+from drape.nets.segments import segment_softmax, segment_sum
+
+CLOSEST = 0.1
+"""Distance between features of sender and receiver below which they count as equal: keeps 1/|r - s| and its gradient
+bounded. Features are of the order of 1 for each number."""
+
+
+class Interactions(NamedTuple):
+    """Who hears whom: (receiver, sender) of each edge; receivers are patches."""
+
+    mesh: Int[Tensor, "2 mesh_edges"]
+    """From patches beside the receiver on the cloth."""
+    world: Int[Tensor, "2 world_edges"]
+    """From other patches near the receiver in space."""
+    body: Int[Tensor, "2 body_edges"]
+    """From faces of the body."""
+
+
+class Streams(NamedTuple):
+    """What a layer hands to the next one."""
+
+    patches: Float[Tensor, "patches width"]
+    """The patches' embeddings x."""
+    receivers: Float[Tensor, "patches width"]
+    """r of the patches."""
+    senders: Float[Tensor, "tokens width"]
+    """s of the patches, and after them of the faces of the body."""
+
+
+class InteractionLayer(nn.Module):
+    """Attention, norm, feed-forward of twice the width, norm, each with a residual (LayersNet, after TIE).
+
+    In each of the heads, with q = W_q x, r += W_r x of the receiver and s += W_s x of a sender::
+
+        σ = ½ √(|r - s|² + CLOSEST²)        logit = (q · s + q · r) / σ        message = softmax(logit) (s + r) / 2σ
+
+    The softmax is over all senders of a receiver. The first half of the heads hears patches near in space and the body,
+    the second half those beside it on the cloth. Messages from the body pass through :class:`BodyFrameMessages`.
+    """
+
+    def __init__(self, width: int, heads: int):
+        super().__init__()
+        self.size = width // heads
+        self.half = heads // 2
+        self.query = nn.Linear(width, width)
+        self.receiver = nn.Linear(width, width)
+        self.sender = nn.Linear(width, width)
+        self.body_frame = BodyFrameMessages(self.half, self.size)
+        self.out = nn.Linear(width, width)
+        self.attention_norm = nn.LayerNorm(width)
+        self.feed_forward = feed_forward([width, 2 * width, width])
+        self.norm = nn.LayerNorm(width)
+
+    def forward(
+        self,
+        streams: Streams,
+        bodies: Float[Tensor, "bodies width"],
+        frames: Float[Tensor, "bodies 3 3"],
+        interactions: Interactions,
+    ) -> Streams:
+        """The streams after the layer; ``bodies`` and ``frames``: embeddings and axes of the faces of the body."""
+        x, count = streams.patches, len(streams.patches)
+        receivers = streams.receivers + self.receiver(x)
+        senders = streams.senders + self.sender(torch.cat([x, bodies]))
+        q, r, s = (self._heads(part) for part in (self.query(x), receivers, senders))
+        space, cloth = slice(None, self.half), slice(self.half, None)
+        body_receiver, body = interactions.body
+        world = torch.cat([interactions.world, torch.stack([body_receiver, count + body])], 1)
+        weight, edge = _attention(q[:, space], r[:, space], s[:, space], world)
+        split = [interactions.world.shape[1], len(body)]
+        if len(body):
+            from_patches, from_body = edge.split(split)
+            edge = torch.cat([from_patches, self.body_frame(from_body, frames.index_select(0, body))])
+        heard = [segment_sum(weight[..., None] * edge, world[0], count)]
+        weight, edge = _attention(q[:, cloth], r[:, cloth], s[:, cloth], interactions.mesh)
+        heard.append(segment_sum(weight[..., None] * edge, interactions.mesh[0], count))
+        x = self.attention_norm(x + self.out(torch.cat(heard, 1).flatten(1)))
+        return Streams(self.norm(x + self.feed_forward(x)), receivers, senders)
+
+    def _heads(self, rows: Float[Tensor, "rows width"]) -> Float[Tensor, "rows heads size"]:
+        return rows.unflatten(-1, (-1, self.size))
+
+
+def _attention(
+    q: Float[Tensor, "patches heads size"],
+    r: Float[Tensor, "patches heads size"],
+    s: Float[Tensor, "tokens heads size"],
+    edges: Int[Tensor, "2 edges"],
+) -> tuple[Float[Tensor, "edges heads"], Float[Tensor, "edges heads size"]]:
+    """Weight and value ``(s + r) / 2σ`` of each edge."""
+    receiver, sender = edges
+    count = len(q)
+    q, r, s = q.index_select(0, receiver), r.index_select(0, receiver), s.index_select(0, sender)
+    edge = (s + r) / ((r - s).square().sum(-1, keepdim=True) + CLOSEST**2).sqrt()
+    return segment_softmax(2.0 * (q * edge).sum(-1), receiver, count), edge

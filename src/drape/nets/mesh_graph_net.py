@@ -1,0 +1,171 @@
+"""Graph networks that pass messages along several named sets of edges: MeshGraphNet and its hierarchical kin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+from torch.nn.functional import linear
+
+from drape.errors import DrapeError
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeSet:
+    """Directed edges of one kind."""
+
+    senders: Int[Tensor, " edges"]
+    receivers: Int[Tensor, " edges"]
+    features: Float[Tensor, "edges features"]
+    level: Int[Tensor, " edges"] | None = None
+    """The deepest level of a hierarchy that the receiver is in; for sets that a schedule names with ``@``."""
+
+    def __len__(self) -> int:
+        return len(self.senders)
+
+    def take(self, rows: Int[Tensor, " rows"]) -> EdgeSet:
+        """Only some of the edges."""
+        parts = (self.senders, self.receivers, self.features)
+        return EdgeSet(*(part.index_select(0, rows) for part in parts))
+
+
+class MeshGraphNet(nn.Module):
+    """Encoder, message passing, decoder (Pfaff et al. 2021), with the edge sets of each step free to choose.
+
+    One step, with ``[·]`` a concatenation and FFN two hidden layers with ReLU and a LayerNorm at the end:
+    ``message = FFN([receiver, sender, edge])``, ``edge += message`` and ``node += FFN([node, Σ messages, …])`` with one
+    sum for each edge set of the step. No weights are shared. Sets without edges cost nothing and count as zero sums.
+
+    Args:
+        size_node: features of a node.
+        sizes_edge: features of an edge of each set.
+        size_out: numbers that are predicted for each node.
+        width: of all layers.
+        schedule: the edge sets of each step. ``name@2`` takes only the edges of the set with receivers of level 2 or
+            deeper; the others of the set rest.
+
+    Raises:
+        DrapeError: a schedule without steps, with a set that there is not or that a step names twice, or without one
+            that there is.
+    """
+
+    def __init__(
+        self,
+        size_node: int,
+        sizes_edge: Mapping[str, int],
+        size_out: int,
+        *,
+        width: int,
+        schedule: Sequence[Sequence[str]],
+    ):
+        super().__init__()
+        parts = [[_Part.of(text) for text in step] for step in schedule]
+        named = {part.name for step in parts for part in step}
+        if any(len({part.name for part in step}) < len(step) for step in parts):
+            raise DrapeError(f"mesh graph net: a step of the schedule {schedule} names an edge set twice; name it once")
+        if not parts or named != set(sizes_edge):
+            raise DrapeError(
+                f"mesh graph net: the schedule names the edge sets {sorted(named)}, but the graph has "
+                f"{sorted(sizes_edge)}; choose a schedule that uses each of them (more or fewer coarse levels?)"
+            )
+        self.node_encoder = nn.Sequential(nn.Linear(size_node, width), *_layers(width, width), nn.LayerNorm(width))
+        self.edge_encoders = nn.ModuleDict(
+            {
+                name: nn.Sequential(nn.Linear(size, width), *_layers(width, width), nn.LayerNorm(width))
+                for name, size in sizes_edge.items()
+            }
+        )
+        self.steps = nn.ModuleList(_Step(width, step) for step in parts)
+        self.decoder = nn.Sequential(nn.Linear(width, width), *_layers(width, size_out))
+
+    def forward(
+        self, nodes: Float[Tensor, "nodes node_features"], edges: Mapping[str, EdgeSet]
+    ) -> Float[Tensor, "nodes size_out"]:
+        """Predictions for all nodes; ``edges`` may lack sets of the schedule."""
+        nodes = self.node_encoder(nodes)
+        edges = {
+            name: replace(edge_set, features=self.edge_encoders[name](edge_set.features))
+            for name, edge_set in edges.items()
+            if len(edge_set)
+        }
+        partial = {part for step in self.steps for part in step.parts if part.level and part.name in edges}
+        rows = {part: (edges[part.name].level >= part.level).nonzero()[:, 0] for part in partial}
+        for step in self.steps:
+            nodes, edges = step(nodes, edges, rows)
+        return self.decoder(nodes)
+
+
+class _Part(NamedTuple):
+    """The edges of a set that take part in a step: those with receivers of this level or deeper."""
+
+    name: str
+    level: int
+
+    @classmethod
+    def of(cls, text: str) -> _Part:
+        name, at, level = text.partition("@")
+        if at and not level.isdecimal():
+            raise DrapeError(
+                f"mesh graph net: {text!r} in the schedule; expected an edge set, or one and a level: body@2"
+            )
+        return cls(name, int(level or 0))
+
+
+class _Step(nn.Module):
+    """One round of messages and the updates of edges and nodes that follow from them."""
+
+    def __init__(self, width: int, parts: Sequence[_Part]):
+        super().__init__()
+        self.parts = tuple(parts)
+        self.messages = nn.ModuleDict({part.name: _Message(width) for part in parts})
+        self.first = nn.Linear((1 + len(parts)) * width, width)
+        self.others = nn.Sequential(*_layers(width, width), nn.LayerNorm(width))
+
+    def forward(
+        self, nodes: Tensor, edges: dict[str, EdgeSet], rows: dict[_Part, Tensor]
+    ) -> tuple[Tensor, dict[str, EdgeSet]]:
+        own, *of_sums = self.first.weight.split(nodes.shape[1], dim=1)
+        hidden = linear(nodes, own, self.first.bias)
+        for part, of_sum in zip(self.parts, of_sums, strict=True):
+            if part.name not in edges:
+                continue
+            edge_set = edges[part.name]
+            active = edge_set.take(rows[part]) if part in rows else edge_set
+            message = self.messages[part.name](nodes, active)
+            received = nodes.new_zeros(nodes.shape).index_add(0, active.receivers, message)
+            hidden = hidden + linear(received, of_sum)
+            features = edge_set.features
+            features = features.index_add(0, rows[part], message) if part in rows else features + message
+            edges = edges | {part.name: replace(edge_set, features=features)}
+        return nodes + self.others(hidden), edges
+
+
+class _Message(nn.Module):
+    """``FFN([receiver, sender, edge])``; the concatenation is never made.
+
+    Its first layer is a sum of three products, two of which are taken for each node instead of for each edge, of which
+    there are six times as many.
+    """
+
+    def __init__(self, width: int):
+        super().__init__()
+        self.first = nn.Linear(3 * width, width)
+        self.others = nn.Sequential(*_layers(width, width), nn.LayerNorm(width))
+
+    def forward(self, nodes: Tensor, edges: EdgeSet) -> Float[Tensor, "edges width"]:
+        of_receiver, of_sender, of_edge = self.first.weight.split(nodes.shape[1], dim=1)
+        hidden = linear(edges.features, of_edge, self.first.bias)
+        for ends, weight in ((edges.receivers, of_receiver), (edges.senders, of_sender)):
+            if len(edges) > len(nodes):
+                hidden = hidden + linear(nodes, weight).index_select(0, ends)
+            else:
+                hidden = hidden + linear(nodes.index_select(0, ends), weight)
+        return self.others(hidden)
+
+
+def _layers(width: int, size_out: int) -> list[nn.Module]:
+    """What follows the first layer: the other hidden one and the output."""
+    return [nn.ReLU(inplace=True), nn.Linear(width, width), nn.ReLU(inplace=True), nn.Linear(width, size_out)]

@@ -1,0 +1,1 @@
+"""Neural simulators: networks that predict how cloth accelerates within a step."""

@@ -1,0 +1,38 @@
+"""From accelerations to positions, and from a rollout to its time steps."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from drape.data.garment_rollout import GarmentRollout
+from drape.energy.step import ObstacleStep, Step
+from drape.simulators.neural.cloths import Cloth
+
+
+def advance(network: nn.Module, step: Step) -> Float[Tensor, "vertices 3"]:
+    """``x' = x + dt (v + dt a)`` with a = network(step) [m/s²] (paper, appendix), in the precision of the step.
+
+    Pinned vertices go where they are led, ``x + dt v``.
+    """
+    acceleration = torch.where(step.free[:, None], network(step).to(step.x.dtype), 0.0)
+    return step.x + step.dt * (step.v + step.dt * acceleration)
+
+
+def rollout_step(
+    rollout: GarmentRollout, k: int, x: Float[Tensor, "vertices 3"], v: Float[Tensor, "vertices 3"], cloth: Cloth
+) -> Step:
+    """The step from frame t + k of ``rollout`` to the next one, of garments that are at ``x`` with velocities ``v``."""
+    led = (rollout.x[k + 2] - x) / rollout.dt
+    return Step(
+        mesh=rollout.mesh,
+        x=x,
+        v=torch.where(rollout.free[:, None], v, led),
+        mass=cloth.mass,
+        free=rollout.free,
+        attributes=cloth.attributes,
+        gravity=rollout.gravity,
+        dt=rollout.dt,
+        obstacle=ObstacleStep(rollout.body_faces, rollout.body[k + 1], rollout.body[k + 2], rollout.mesh_of_face),
+    )

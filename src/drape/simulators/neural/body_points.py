@@ -1,0 +1,36 @@
+"""The points of the body that cloth is about to touch: where a graph network meets the body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from drape.energy.step import Step
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPoints:
+    """The closest point of the body to each vertex near it, moving with its face; so any body mesh will do."""
+
+    vertices: Int[Tensor, " near"]
+    x: Float[Tensor, "near 3"]
+    """The points at t [m]."""
+    x_next: Float[Tensor, "near 3"]
+    """The same points of the body at t + dt [m]."""
+    velocity: Float[Tensor, "near 3"]
+    """[m/s]"""
+    normal: Float[Tensor, "near 3"]
+    """Of the face at t + dt."""
+    distance: Float[Tensor, " near"]
+    """Of the vertex at t [m]; negative inside the body."""
+
+    @classmethod
+    def of(cls, step: Step, reach: float, search_range: float) -> BodyPoints:
+        """The points at most ``reach`` [m] away; no graph. ``search_range`` [m] says which search to share."""
+        near, body = step.nearest_faces(search_range), step.obstacle
+        kept = (near.distance.abs() <= reach).nonzero()[:, 0]
+        corners = body.x[body.faces[near.faces[kept]]]
+        x, x_next = (near.barycentric[kept, :, None] * corners).sum(1), near.end.point[kept]
+        return cls(near.vertices[kept], x, x_next, (x_next - x) / step.dt, near.end.normal[kept], near.distance[kept])

@@ -1,0 +1,108 @@
+"""Checkpoints of neural simulators: plain containers, checked by an example when they are loaded."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from hydra.errors import InstantiationException
+from omegaconf import OmegaConf
+from torch import Tensor, nn
+
+from drape import __version__
+from drape.config import instantiate
+from drape.energy.checkpoint import FORMAT, TOLERANCE, read_checkpoint, versions
+from drape.energy.step import ObstacleStep, Step
+from drape.errors import DrapeError
+from drape.scene.mesh import ClothMesh
+from drape.scene.mesh_batch import MeshBatch
+from drape.scene.scene import Scene
+from drape.simulators.neural.cloths import Cloths
+from drape.simulators.neural.neural import NeuralSimulator
+
+
+class Trained(NamedTuple):
+    """What a checkpoint holds."""
+
+    network: nn.Module
+    cloths: Cloths
+    training: dict[str, Any]
+    """How it came about: row, ablation, scale, seed, iterations, seconds, parameters, command."""
+
+
+def describe_simulator(config: dict[str, Any], training: dict[str, Any], network: nn.Module, step: Step) -> dict:
+    """What a checkpoint says of itself; ``step``, of one garment, becomes its example."""
+    with torch.no_grad():
+        predicted = network(step)
+    tensors = {f.name: getattr(step, f.name) for f in fields(step) if f.name not in ("mesh", "obstacle")}
+    body = None if step.obstacle is None else {f.name: getattr(step.obstacle, f.name) for f in fields(step.obstacle)}
+    return {
+        "format": FORMAT,
+        "simulator": config["model"],
+        "training": training,
+        "config": config,
+        "versions": versions(),
+        "example": {
+            "rest_positions": step.mesh.rest_positions.cpu(),
+            "faces": step.mesh.faces.cpu(),
+            "step": _on_cpu(tensors),
+            "body": None if body is None else _on_cpu(body),
+            "acceleration": predicted.cpu(),
+        },
+    }
+
+
+def load_simulator(path: str | Path) -> Trained:
+    """The simulator of a checkpoint of ``train.py``, after its stored example has been predicted again.
+
+    Raises:
+        DrapeError: no such checkpoint, one of an energy, or the example differs.
+    """
+    content = read_checkpoint(path)
+    described = content["drape"]
+    if "simulator" not in described:
+        raise DrapeError(
+            f"{path}: found the checkpoint of an energy; expected one of a simulator, from python src/train.py "
+            "model=mgn_s_eunet or its like; energies are for energy=eunet"
+        )
+    prefix = "network."
+    state = {k.removeprefix(prefix): v for k, v in content["state_dict"].items() if k.startswith(prefix)}
+    try:
+        model = OmegaConf.create(described["simulator"])
+        network, cloths = instantiate(model.network), instantiate(model.cloths)
+        network.load_state_dict(state)
+    except (InstantiationException, RuntimeError) as error:
+        raise DrapeError(
+            f"{path}: its network cannot be built by this program ({str(error).splitlines()[0]}); it was written by "
+            f"version {described['versions']['drape']}, this is {__version__}: use that version, or train again"
+        ) from error
+    network.eval().requires_grad_(False)
+    _check_example(network, described["example"], path)
+    return Trained(network, cloths, dict(described["training"]))
+
+
+def neural(checkpoint: str, scene: Scene, device: str = "cpu") -> NeuralSimulator:
+    """The trained simulator of ``checkpoint`` for ``scene``; see :func:`load_simulator` for errors."""
+    trained = load_simulator(checkpoint)
+    return NeuralSimulator(trained.network, trained.cloths, scene, device)
+
+
+def _check_example(network: nn.Module, example: dict[str, Any], path: str | Path) -> None:
+    mesh = ClothMesh.from_faces(example["rest_positions"].numpy(), example["faces"].numpy())
+    body = None if example["body"] is None else ObstacleStep(**example["body"])
+    step = Step(mesh=MeshBatch.from_meshes([mesh]), obstacle=body, **example["step"])
+    with torch.no_grad():
+        predicted = network(step)
+    difference = float((predicted - example["acceleration"]).norm() / example["acceleration"].norm().clamp(min=1e-12))
+    if not difference < TOLERANCE:
+        raise DrapeError(
+            f"{path}: the accelerations of the stored example differ by {difference:.1e} of their size here (at most "
+            f"{TOLERANCE:.0e} expected); the program has changed since: use the version that wrote the file, or train "
+            "again"
+        )
+
+
+def _on_cpu(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: value.cpu() if isinstance(value, Tensor) else value for name, value in values.items()}

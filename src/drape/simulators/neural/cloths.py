@@ -1,0 +1,109 @@
+"""What the garments of a training step are made of, and what a network is told of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from drape.data.garment_rollout import GarmentRollout
+from drape.energy.fabric import Fabric
+from drape.energy.term import EnergyTerm
+from drape.scene.material import ATTRIBUTES, Material, attribute_vector
+
+
+class Cloth(NamedTuple):
+    """The cloth of a batch of garments."""
+
+    attributes: Float[Tensor, "meshes attributes"]
+    """What the network is told of each garment's fabric."""
+    mass: Float[Tensor, " vertices"]
+    """[kg]"""
+    terms: Sequence[EnergyTerm]
+    """The elastic and dissipated energies of the fabric; all garments of a batch share it. [] where none is needed."""
+
+
+class Known(NamedTuple):
+    """What a trained simulator makes of a fabric."""
+
+    attributes: Float[Tensor, " attributes"]
+    areal_density: float | None
+    """[kg/m²] instead of the masses of the scene; None: those."""
+
+
+@runtime_checkable
+class Cloths(Protocol):
+    """Where the cloth of a training step comes from."""
+
+    size: int
+    """How many numbers ``attributes`` has."""
+
+    def draw(self, rollout: GarmentRollout, materials: Mapping[str, Material], generator: torch.Generator) -> Cloth:
+        """The cloth of the garments of ``rollout``; ``materials`` are the fabrics of the data, by name."""
+        ...
+
+    def of(self, material: Material) -> Known:
+        """What the network is told of a fabric when it animates."""
+        ...
+
+
+class RecordedCloths:
+    """Each garment of the fabric that it was recorded with: for supervised training. No energies."""
+
+    size = len(ATTRIBUTES)
+
+    def __init__(self, attribute_scales: Mapping[str, float]):
+        self.attribute_scales = dict(attribute_scales)
+
+    def draw(self, rollout: GarmentRollout, materials: Mapping[str, Material], generator: torch.Generator) -> Cloth:
+        return _cloth(rollout, [materials[name] for name in rollout.fabrics], self, [])
+
+    def of(self, material: Material) -> Known:
+        return Known(_vector(material, self.attribute_scales), None)
+
+
+class LearnedCloths:
+    """All garments of a batch of one fabric, drawn evenly, with the energies of its learned law, which is not trained.
+
+    Masses are those per vertex that the data have for the fabric.
+
+    Args:
+        attribute_scales: divisors of the vector **a** of a fabric.
+        energy: makes the energies of a ``material``; called once for each fabric.
+    """
+
+    size = len(ATTRIBUTES)
+
+    def __init__(self, attribute_scales: Mapping[str, float], energy: Callable[..., Fabric]):
+        self.attribute_scales = dict(attribute_scales)
+        self._energy = energy
+        self._fabrics: dict[str, Fabric] = {}
+
+    def draw(self, rollout: GarmentRollout, materials: Mapping[str, Material], generator: torch.Generator) -> Cloth:
+        names = sorted(materials)
+        name = names[int(torch.randint(len(names), (), generator=generator))]
+        if name not in self._fabrics:
+            self._fabrics[name] = self._energy(material=materials[name])
+        fabric = self._fabrics[name]
+        for term in fabric.terms:
+            term.requires_grad_(False)
+        return _cloth(rollout, [materials[name]] * rollout.mesh.num_meshes, self, fabric.terms)
+
+    def of(self, material: Material) -> Known:
+        return Known(_vector(material, self.attribute_scales), None)
+
+
+def _vector(material: Material, scales: Mapping[str, float]) -> Float[Tensor, " attributes"]:
+    return torch.tensor(attribute_vector(material.attributes, scales), dtype=torch.float64)
+
+
+def _cloth(
+    rollout: GarmentRollout, materials: Sequence[Material], cloths: Cloths, terms: Sequence[EnergyTerm]
+) -> Cloth:
+    device = rollout.x.device
+    mass = torch.tensor([each.mass_per_vertex for each in materials], dtype=torch.float64, device=device)
+    attributes = torch.stack([cloths.of(each).attributes for each in materials]).to(device)
+    return Cloth(attributes, mass[rollout.mesh.mesh_of_vertex], terms)

@@ -1,0 +1,121 @@
+"""What a graph network is told of a step: nodes and edges, seen from the garment, in numbers around one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+from torch.nn.functional import one_hot
+
+from drape.energy.step import Step
+from drape.errors import DrapeError
+from drape.nets.mesh_graph_net import EdgeSet
+from drape.scene.geometry import TINY, safe_norm
+from drape.simulators.neural.body_points import BodyPoints
+from drape.simulators.neural.heading import Heading
+
+STANDARD_GRAVITY = 9.81
+"""[m/s²]"""
+FREE, PINNED, BODY = range(3)
+"""The types of nodes."""
+
+
+@dataclass(frozen=True)
+class GraphInputs:
+    """The features of nodes and edges. Differences are taken in the precision of the step; vectors are scaled alike.
+
+    * Nodes: velocity, normal; of the cloth also log(mass), acceleration by gravity and external force, attributes (0
+      for the body); type; deepest coarse level. At a pinned vertex the velocity is the one prescribed for the step.
+    * Edges of the mesh and of its coarse levels, both ways: receiver minus sender now and at rest, with norms;
+      attributes.
+    * Edges from the body, one for each vertex within ``reach``: the vertex minus its closest point of the body, where
+      that is at t and at t + dt, with norms; signed distance. Without obstacle there are none and nothing is searched.
+    """
+
+    attributes: int
+    coarse_levels: int
+    reach: float
+    search_range: float
+    speed: float
+    edge_length: float
+    mass: float
+
+    @property
+    def size_node(self) -> int:
+        """Number of features of a node."""
+        return 10 + self.attributes + 3 + (self.coarse_levels + 1 if self.coarse_levels else 0)
+
+    @property
+    def sizes_edge(self) -> dict[str, int]:
+        """Number of features of an edge of each set."""
+        names = ["mesh", *(f"coarse_{level}" for level in range(1, self.coarse_levels + 1))]
+        return {name: 8 + self.attributes for name in names} | {"body": 9}
+
+    def of(self, step: Step, heading: Heading) -> tuple[Float[Tensor, "nodes features"], dict[str, EdgeSet]]:
+        """Nodes, those of the cloth first, and edges, in the frames ``heading``.
+
+        Raises:
+            DrapeError: a step with another number of attributes.
+        """
+        if step.attributes.shape[1] != self.attributes:
+            raise DrapeError(
+                f"graph network: the step has {step.attributes.shape[1]} material attributes, the network was made for "
+                f"{self.attributes}; set its attributes to the number that the fabric has"
+            )
+        mesh = step.mesh
+        level, sets = None, {"mesh": mesh.edges}
+        if self.coarse_levels:
+            hierarchy = mesh.coarse_levels(self.coarse_levels)
+            level = hierarchy.level
+            sets |= {f"coarse_{number}": ends for number, ends in enumerate(hierarchy.edges, 1)}
+        nodes = self._cloth_nodes(step, heading, level)
+        edges = {name: self._cloth_edges(step, heading, ends) for name, ends in sets.items()}
+        if step.obstacle is not None:
+            points = BodyPoints.of(step, self.reach, self.search_range)
+            nodes = torch.cat([nodes, self._body_nodes(points, step, heading)])
+            edges["body"] = self._body_edges(points, step, heading, level)
+        return nodes, edges
+
+    def _cloth_nodes(self, step: Step, heading: Heading, level: Tensor | None) -> Tensor:
+        mesh_of = step.mesh.mesh_of_vertex
+        drive = step.gravity.expand_as(step.x)
+        if step.external_force is not None:
+            drive = drive + step.external_force / step.mass[:, None]
+        vectors = torch.stack([step.v / self.speed, step.geometry.vertex_normals, drive / STANDARD_GRAVITY], 1)
+        velocity, normal, drive = heading.inward(vectors, mesh_of[:, None].expand(-1, 3)).unbind(1)
+        kind = one_hot(torch.where(step.free, FREE, PINNED), 3)
+        features = [velocity, normal, (step.mass / self.mass).log()[:, None], drive, step.attributes[mesh_of], kind]
+        if level is not None:
+            features.append(one_hot(level, self.coarse_levels + 1))
+        return torch.cat([f.to(step.x.dtype) for f in features], -1)
+
+    def _body_nodes(self, points: BodyPoints, step: Step, heading: Heading) -> Tensor:
+        vectors = torch.stack([points.velocity / self.speed, points.normal], 1)
+        mesh_of = step.mesh.mesh_of_vertex[points.vertices]
+        nodes = step.x.new_zeros(len(points.vertices), self.size_node)
+        nodes[:, :6] = heading.inward(vectors, mesh_of[:, None].expand(-1, 2)).flatten(1)
+        nodes[:, 10 + self.attributes + BODY] = 1.0
+        return nodes
+
+    def _cloth_edges(self, step: Step, heading: Heading, ends: Int[Tensor, "pairs 2"]) -> EdgeSet:
+        first, second = ends.unbind(-1)
+        mesh_of = step.mesh.mesh_of_vertex[first]
+        now = heading.inward(step.x.index_select(0, second) - step.x.index_select(0, first), mesh_of)
+        rest = step.mesh.rest_positions
+        vectors = torch.stack([now, (rest[second] - rest[first]).to(now.dtype)], 1) / self.edge_length
+        same_both_ways = torch.cat([safe_norm(vectors, TINY), step.attributes[mesh_of].to(now.dtype)], -1)
+        vectors = vectors.flatten(1)
+        there, back = (torch.cat([v, same_both_ways], -1) for v in (vectors, -vectors))
+        return EdgeSet(torch.cat([first, second]), torch.cat([second, first]), torch.cat([there, back]))
+
+    def _body_edges(self, points: BodyPoints, step: Step, heading: Heading, level: Tensor | None) -> EdgeSet:
+        vertices = points.vertices
+        x, mesh_of = step.x[vertices], step.mesh.mesh_of_vertex[vertices]
+        arms = torch.stack([x - points.x, x - points.x_next], 1) / self.reach
+        arms = heading.inward(arms, mesh_of[:, None].expand(-1, 2))
+        distance = points.distance[:, None] / self.reach
+        features = torch.cat([arms.flatten(1), safe_norm(arms, TINY), distance], -1)
+        senders = step.mesh.num_vertices + torch.arange(len(vertices), device=vertices.device)
+        return EdgeSet(senders, vertices, features, None if level is None else level[vertices])

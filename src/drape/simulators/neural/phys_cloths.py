@@ -1,0 +1,64 @@
+"""Garments of the analytic law PHYS: trained on all its materials, animated with the one that a fabric is most like."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+
+from drape.data.garment_rollout import GarmentRollout
+from drape.energy.phys_material import PhysMaterial
+from drape.errors import DrapeError
+from drape.scene.material import Material
+from drape.simulators.neural.cloths import Cloth, Known
+
+
+class PhysCloths:
+    """All garments of a batch of one material, drawn from HOOD's ranges (FACTS 3.4), weighed by their areas.
+
+    Args:
+        estimates: numbers of :class:`PhysMaterial` by the name of a fabric, as EST has found them; None: HOOD's
+            defaults for every fabric.
+
+    Raises:
+        DrapeError: estimates that are no material; later, a fabric without an estimate.
+    """
+
+    size = len(PhysMaterial._fields)
+
+    def __init__(self, estimates: Mapping[str, Mapping[str, float]] | None):
+        self._estimates = None
+        if estimates is not None:
+            self._estimates = {name: _material(name, numbers) for name, numbers in estimates.items()}
+
+    def draw(self, rollout: GarmentRollout, materials: Mapping[str, Material], generator: torch.Generator) -> Cloth:
+        material, mesh = PhysMaterial.sampled(generator), rollout.mesh
+        share = mesh.rest_faces.area / 3.0
+        area = share.new_zeros(mesh.num_vertices).index_add(0, mesh.faces.flatten(), share.repeat_interleave(3))
+        attributes = material.inputs().to(rollout.x.device).expand(mesh.num_meshes, -1)
+        return Cloth(attributes, material.areal_density * area, material.terms())
+
+    def of(self, material: Material) -> Known:
+        known = self.material(material.name)
+        return Known(known.inputs(), known.areal_density)
+
+    def material(self, fabric: str) -> PhysMaterial:
+        """The material that stands for a fabric."""
+        if self._estimates is None:
+            return PhysMaterial.default()
+        if fabric not in self._estimates:
+            raise DrapeError(
+                f"cloths: found no estimate for {fabric}; expected one of {', '.join(self._estimates)}; estimate it "
+                "with python src/train.py model=est, or take model/cloths=phys, HOOD's defaults"
+            )
+        return self._estimates[fabric]
+
+
+def _material(fabric: str, numbers: Mapping[str, float]) -> PhysMaterial:
+    wrong = set(numbers) ^ set(PhysMaterial._fields)
+    if wrong or not all(value > 0 for value in numbers.values()):
+        raise DrapeError(
+            f"cloths.estimates.{fabric}: found {dict(numbers)}; expected positive numbers for "
+            f"{', '.join(PhysMaterial._fields)}"
+        )
+    return PhysMaterial(**{name: float(value) for name, value in numbers.items()})

@@ -1,0 +1,204 @@
+"""Learn to simulate: from recorded garments, or from an incremental potential alone; the losses decide."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import lightning
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from drape.data.garment_datamodule import GarmentDataModule
+from drape.data.garment_rollout import GarmentRollout
+from drape.data.sequence_loader import Watched
+from drape.energy.checkpoint import versions
+from drape.energy.penetration import Body, cleared
+from drape.errors import DrapeError
+from drape.loss.prediction import Prediction, PredictionLoss
+from drape.metrics import simulator_record
+from drape.metrics.rollout_scores import rollout_scores
+from drape.simulators.neural.advance import advance, rollout_step
+from drape.simulators.neural.checkpoint import describe_simulator
+from drape.simulators.neural.cloths import Cloths
+from drape.training.curriculum import Curriculum
+from drape.training.schedule import Schedule
+
+UPDATES = ("step", "rollout")
+REACH = 0.1
+"""How deep inside the body a vertex of a first frame is looked for [m]."""
+
+
+class SimulatorTraining(lightning.LightningModule):
+    """Minimises ``Σ weight · summand`` over rollouts of the network; wiring only.
+
+    Supervised by :class:`~drape.loss.position.Position`, self-supervised by :class:`~drape.loss.potential.Potential`.
+    States are detached between steps. Everything random depends on the seed, the iteration and the rank only, so that
+    a training that was interrupted goes on as if it had not been. ``global_step`` counts iterations, i.e. rollouts,
+    whatever the number of updates in each.
+
+    Args:
+        network: predicts accelerations [m/s²] of the vertices from a step.
+        cloths: what the garments are made of.
+        loss: summands by name; logged as ``train/loss/<summand>``.
+        optimizer: makes the optimiser from the parameters.
+        schedule: learning rate over the progress of the training.
+        curriculum: how rollouts grow and begin.
+        updates: one after each ``step`` of a rollout (HOOD), or one after the ``rollout`` (the paper's official code).
+        noise: standard deviation of what is added to the free vertices at t-1 and t [m].
+        clip: largest norm of a gradient.
+        clearance: distance from the body at least at which a rollout begins [m].
+        seed: of all that is random.
+        data: whose fabrics the garments are made of.
+
+    Raises:
+        DrapeError: no loss, another word for ``updates``; while training, a summand that is not finite (the summand,
+            the step and the sample are named).
+    """
+
+    RECORD = simulator_record.FILE
+    """Name of the file that is left in the end."""
+
+    def __init__(
+        self,
+        network: nn.Module,
+        cloths: Cloths,
+        loss: Mapping[str, PredictionLoss],
+        optimizer: Callable[..., torch.optim.Optimizer],
+        schedule: Schedule,
+        curriculum: Curriculum,
+        updates: str,
+        noise: float,
+        clip: float,
+        clearance: float,
+        seed: int,
+        data: GarmentDataModule,
+    ):
+        super().__init__()
+        if not loss:
+            raise DrapeError("loss: no term is left to train on; choose one, for example loss=supervised")
+        if updates not in UPDATES:
+            raise DrapeError(f"training.updates: found {updates!r}; expected {' or '.join(UPDATES)}")
+        self.automatic_optimization = False
+        self.network, self.cloths, self.materials = network, cloths, data.materials
+        self.loss = nn.ModuleDict(loss)
+        self._make_optimizer, self._schedule, self._curriculum = optimizer, schedule, curriculum
+        self._updates, self._noise, self._clip, self._clearance = updates, noise, clip, clearance
+        self._seed = seed
+
+    @staticmethod
+    def supplied(data: GarmentDataModule) -> dict[str, object]:
+        """What the data give to the constructor."""
+        return {"data": data}
+
+    @property
+    def progress(self) -> float:
+        """Of the training, from 0 to 1."""
+        return self.global_step / max(self.trainer.max_steps, 1)
+
+    def training_step(self, rollout: GarmentRollout, batch_idx: int) -> None:
+        """Roll out, and update."""
+        generator = torch.Generator().manual_seed((self._seed * 1_000_003 + self.global_step) * 64 + self.global_rank)
+        length = min(self._curriculum.length(self.global_step), rollout.length)
+        cloth = self.cloths.draw(rollout, self.materials, generator)
+        rollout, x, v = self._begin(rollout, generator)
+        optimizer = self.optimizers()
+        for group in optimizer.param_groups:
+            group["lr"] = group["initial_lr"] * self._schedule(self.progress)
+        sums: dict[str, Tensor] = {}
+        for k in range(length):
+            step = rollout_step(rollout, k, x, v, cloth)
+            x_next = advance(self.network, step)
+            values = self._values(Prediction(x_next, step, rollout.x[k + 2], cloth.terms, self.progress), rollout)
+            total = sum(value for value, _ in values.values())
+            every = 1 if self._updates == "step" else length
+            self.manual_backward(total / every)
+            for name, (_, value) in values.items():
+                sums[name] = sums.get(name, 0.0) + value / length
+            if (k + 1) % every == 0:
+                self._update(optimizer, last=k + 1 == length)
+            x, v = x_next.detach(), (x_next.detach() - x) / rollout.dt
+        logged = {f"train/loss/{name}": value for name, value in sums.items()}
+        self.log_dict(logged | {"train/rollout_length": float(length)}, batch_size=rollout.mesh.num_meshes)
+
+    def _begin(
+        self, rollout: GarmentRollout, generator: torch.Generator
+    ) -> tuple[GarmentRollout, Float[Tensor, "vertices 3"], Float[Tensor, "vertices 3"]]:
+        """The rollout, positions and velocities at t: noise, the garment outside of the body, or at rest."""
+        noise = [self._noise * torch.randn(rollout.x[0].shape, generator=generator, dtype=torch.float64) for _ in "xv"]
+        shift = [rollout.free[:, None] * each.to(rollout.x) for each in noise]
+        x_prev, x = rollout.x[0] + shift[0], rollout.x[1] + shift[1]
+        body = Body(rollout.body_faces, rollout.mesh_of_face, rollout.body[1])
+        outside = cleared(x, rollout.mesh.mesh_of_vertex, body, self._clearance, REACH)
+        v = (x - x_prev) / rollout.dt
+        v = torch.where((outside != x).any(-1, keepdim=True), (rollout.x[1] - rollout.x[0]) / rollout.dt, v)
+        if float(torch.rand((), generator=generator)) < self._curriculum.at_rest:
+            return rollout.from_rest(), outside, torch.zeros_like(v)
+        return rollout, outside, v
+
+    def _values(self, prediction: Prediction, rollout: GarmentRollout) -> dict[str, tuple[Tensor, Tensor]]:
+        """Weighted and unweighted summands by name; an unweighted ``total`` too."""
+        found = {}
+        for loss in self.loss.values():
+            for name, value in loss(prediction).items():
+                if not torch.isfinite(value):
+                    raise DrapeError(
+                        f"training stopped at step {self.global_step}: loss term {name} is {float(value)} for "
+                        f"{', '.join(rollout.names)}; the last checkpoint is from before; lower the learning rate or "
+                        "look at the data"
+                    )
+                found[name] = (loss.weight * value, value.detach())
+        return found
+
+    def _update(self, optimizer: torch.optim.Optimizer, *, last: bool) -> None:
+        """One update; Lightning is told of the last of an iteration only, so that it counts iterations."""
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), self._clip)
+        (optimizer if last else optimizer.optimizer).step()
+        optimizer.zero_grad()
+
+    def validation_step(self, watched: Watched, batch_idx: int) -> None:
+        """Animate a whole sequence and score it."""
+        for name, value in rollout_scores(self.network, self.cloths, watched.sequence).items():
+            self.log(f"val/{name}", value, batch_size=1, on_epoch=True, sync_dist=True)
+
+    def described(
+        self, config: dict[str, Any], choices: Mapping[str, str], data: GarmentDataModule, seconds: float
+    ) -> dict[str, Any]:
+        """What a checkpoint says of itself; its example is a step of the first garment."""
+        rollout = data.rollout(np.arange(1)).to(self.device)
+        cloth = self.cloths.draw(rollout, self.materials, torch.Generator().manual_seed(0))
+        v = (rollout.x[1] - rollout.x[0]) / rollout.dt
+        step = rollout_step(rollout, 0, rollout.x[1], v, cloth)
+        told = self.finish(config, choices, data, seconds).training
+        return describe_simulator(config, told, self.network, step)
+
+    def finish(
+        self, config: dict[str, Any], choices: Mapping[str, str], data: GarmentDataModule, seconds: float
+    ) -> simulator_record.SimulatorRecord:
+        """What there is to say of the training so far."""
+        watched = {k: float(v) for k, v in self.trainer.callback_metrics.items() if k.startswith("val/")}
+        return simulator_record.SimulatorRecord(
+            training={
+                "row": choices["model"],
+                "ablation": choices["ablation"],
+                "material": choices["material"],
+                "scale": choices["scale"],
+                "seed": config["seed"],
+                "data": config["data"]["path"],
+                "iterations": self.global_step,
+                "seconds": round(seconds, 1),
+                "parameters": sum(p.numel() for p in self.network.parameters()),
+                "command": "python src/train.py " + choices["overrides"],
+                "versions": versions(),
+            },
+            watched={name.removeprefix("val/"): value for name, value in watched.items()},
+        )
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        """The optimiser; the schedule is applied in every iteration."""
+        optimizer = self._make_optimizer(self.network.parameters())
+        for group in optimizer.param_groups:
+            group.setdefault("initial_lr", group["lr"])
+        return optimizer
