@@ -11,7 +11,6 @@ import torch
 from drape.data.garment_frames import GarmentFrames, SampledGarmentFrames
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_writer import GarmentHeader, StoredBody, StoredGarment, StoredGarmentSequence, write_garments
-from drape.energy.estimated_material import estimated, save_material_net
 from drape.energy.force_balance import (
     RINGS,
     ForceBalance,
@@ -28,13 +27,14 @@ from drape.errors import DrapeError
 from drape.nets.material_net import MaterialNet
 from drape.scene.grid import square_grid
 from drape.scene.mass import vertex_masses
-from drape.scene.material import ATTRIBUTES, Material
+from drape.scene.material import ATTRIBUTES, Material, attribute_vector
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
 from drape.scene.state import State
 from drape.simulators.implicit import ImplicitSolver
-from drape.training.material_training import fit, material_loader
+from drape.training.material_data import material_loader
+from drape.training.material_training import fit
 from tests import garments
 
 KNOWN = {"silk": PhysMaterial(0.15, 30000.0, 20000.0, 8e-4), "denim": PhysMaterial(0.4, 50000.0, 70000.0, 3e-4)}
@@ -287,10 +287,11 @@ def net(file) -> MaterialNet:
 
 
 @pytest.mark.parametrize("name", KNOWN)
-def test_the_network_comes_close_to_the_best_ratios(file, name, net, tmp_path):
+def test_the_network_comes_close_to_the_best_ratios(file, name, net):
     balance = balance_of(file, name)
-    save_material_net(net, SCALES, tmp_path / "est.pt")
-    found = ratios_of(estimated(tmp_path / "est.pt", fabric(name)))
+    vector = torch.tensor([attribute_vector(fabric(name).attributes, SCALES)], dtype=torch.float64)
+    with torch.no_grad():
+        found = ratios_of(PhysMaterial.at(net(vector)[0]))
     nothing = torch.tensor([[1.0, 0.0, 0.0, 0.0]], dtype=torch.float64)
     best, without = (balance.residuals(r).mean() for r in (best_ratios(balance.columns)[None], nothing))
     assert balance.residuals(found).mean() < best + 0.05 * without
@@ -316,22 +317,3 @@ def test_garments_that_hug_the_body_teach_nothing(file):
     pinned = replace(frames, window=replace(frames.window, free=torch.zeros_like(frames.window.free)))
     with pytest.raises(DrapeError, match="found no vertex that is free and away from contact"):
         material_loader([pinned], 4, 0)
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (None, "no such file"),
-        (b"text", "cannot be read as an estimator of materials"),
-        ({"drape": {}}, "found format .*; expected .*drape material net"),
-        ({"format": "drape material net", "version": 1, "state_dict": {}}, "damaged: RuntimeError"),
-    ],
-)
-def test_other_files_are_refused(tmp_path, content, words):
-    path = tmp_path / "other.pt"
-    if isinstance(content, bytes):
-        path.write_bytes(content)
-    elif content is not None:
-        torch.save(content, path)
-    with pytest.raises(DrapeError, match=words):
-        estimated(path, fabric("silk"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -62,6 +63,18 @@ def _shipped(name: str) -> str:
     return str(SHIPPED / name)
 
 
+def _estimates(path: str) -> dict[str, dict[str, float]]:
+    """``${estimates:<path>}``: what EST has found, from the ``estimates.json`` of its training."""
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))["estimates"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DrapeError(
+            f"conf: ${{estimates:{path}}}: {type(error).__name__}: cannot be read; expected the estimates.json of "
+            "python src/train.py model=est"
+        ) from None
+
+
+OmegaConf.register_new_resolver("estimates", _estimates, replace=True)
 OmegaConf.register_new_resolver("times", lambda a, b: float(a) * float(b), replace=True)
 OmegaConf.register_new_resolver("shipped", _shipped, replace=True)
 OmegaConf.register_new_resolver("joined", _joined, replace=True)

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
@@ -38,3 +39,7 @@ class PredictionLoss(nn.Module, ABC):
     @abstractmethod
     def forward(self, prediction: Prediction) -> dict[str, Tensor]:
         """The unweighted summands by name, means over the garments."""
+
+    def total(self, values: dict[str, Tensor]) -> Tensor:
+        """What is minimised: ``weight · Σ values``."""
+        return self.weight * torch.stack([value.double() for value in values.values()]).sum()

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from drape.metrics.evaluation_record import EvaluationRecord
 from drape.metrics.record import RunRecord
-from drape.report.garment_tables import comparison_tables
+from drape.report.garment_tables import garment_tables
 from drape.report.provenance import describe_setting, missing, provenance
 from drape.report.runs import Configuration, by_setting, configurations
 from drape.report.table import Table
@@ -40,7 +40,7 @@ def document(runs: Sequence[RunRecord], ablations: Sequence[str], seeds: Sequenc
 
 def garment_document(evaluations: Sequence[EvaluationRecord]) -> str:
     """Markdown of evaluations of garments side by side, with the commands that made them."""
-    lines = ["# Garments, animated", "", *(table.markdown() for table in comparison_tables(evaluations))]
+    lines = ["# Garments, animated", "", *(table.markdown() for table in garment_tables(evaluations))]
     lines += ["### Provenance", ""]
     lines += [f"* **{record.method['name']}**: `{record.provenance['command']}`" for record in evaluations]
     return "\n".join(lines) + "\n"

@@ -6,8 +6,18 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from drape.metrics.evaluation_record import EvaluationRecord
 from drape.metrics.fabric_metric import OVERALL
+from drape.report.garment_rows import (
+    FLOOR,
+    PAPER,
+    GarmentRow,
+    by_data,
+    garment_rows,
+    published,
+    row_label,
+    scales,
+)
 from drape.report.table import Table, number
-from drape.report.tables import paper
+from drape.report.tables import OVER_SEEDS, spread_cell
 
 KINDS = ("tshirt", "top", "jumpsuit", "dress", "skirt", "trousers")
 """In the order of tables; others come after them."""
@@ -26,8 +36,6 @@ SHOWN = ("collision_percent", "inside_percent", "ms_per_frame")
 """Columns of the comparison beside the errors."""
 WITH_SPREAD = ("error_mm", "floor_mm", "collision_percent")
 """What the paper gives with its standard deviation."""
-FLOOR = "noise floor (twin)"
-TWIN = "drape.simulators.twin.Twin"
 
 
 def arranged(kinds: Iterable[str]) -> list[str]:
@@ -59,52 +67,116 @@ def kinds_table(record: EvaluationRecord) -> Table:
 
 def comparison_tables(records: Sequence[EvaluationRecord]) -> list[Table]:
     """A table for each choice of sequences: evaluations of it by kinds, the noise floor, and the paper's numbers."""
-    groups: dict[str, list[EvaluationRecord]] = {}
-    for record in records:
-        groups.setdefault(repr(sorted(record.data.items())), []).append(record)
-    largest_first = sorted(groups.values(), key=lambda group: (-len(group[0].data["sequences"]), -len(group)))
-    return [_comparison(group, with_paper=k == 0) for k, group in enumerate(largest_first)]
+    return [comparison_table(group, with_paper=k == 0) for k, group in enumerate(by_data(records))]
 
 
-def _comparison(records: Sequence[EvaluationRecord], *, with_paper: bool) -> Table:
-    names = [*arranged(kind for record in records for kind in record.kinds), OVERALL]
-    worst_first = sorted(records, key=lambda record: -record.metrics[f"error_mm/{OVERALL}"])
-    rows = [
-        (
-            FLOOR if _is_twin(record) else str(record.method["name"]),
-            *(_cell(record.metrics, "error_mm", name) for name in names),
-            _cell(record.metrics, "error_in_floors", OVERALL),
-            *(_cell(record.metrics, score, OVERALL) for score in SHOWN),
-        )
-        for record in worst_first
+def garment_tables(records: Sequence[EvaluationRecord]) -> list[Table]:
+    """For each choice of sequences the paper's tables and that of all evaluations; never two choices in one table."""
+    groups = by_data(records)
+    return [
+        table
+        for k, group in enumerate(groups)
+        for table in (*animation_tables(group), comparison_table(group, with_paper=k == 0))
     ]
+
+
+def comparison_table(records: Sequence[EvaluationRecord], *, with_paper: bool = False) -> Table:
+    """All evaluations of the same sequences, the largest error first, seeds averaged."""
+    rows, names = garment_rows(records), _names(records)
+    seeded = any(row.seeds for row in rows)
+    cells = [_comparison_cells(row, names, seeded) for row in rows]
     floors = next((record.metrics for record in records if f"floor_mm/{OVERALL}" in record.metrics), None)
-    if floors is not None and not any(map(_is_twin, records)):
-        rows.append((FLOOR, *(_cell(floors, "floor_mm", name) for name in names), "1", *("" for _ in SHOWN)))
-    rows += _paper_rows(names) if with_paper else []
-    data = records[0].data
-    note = (
-        f"Mean over vertices and frames, then mean ± standard deviation over sequences [mm]. {len(data['sequences'])} "
-        f"sequences of {data['path']} ({data['source']}), {_frames(records[0])} each from two recorded ones. "
-        "Floors: error in units of the noise floor."
-    )
+    if floors is not None and not any(row.is_twin for row in rows):
+        empty = [""] * (len(SHOWN) + seeded)
+        cells.append((FLOOR, *(_cell(floors, "floor_mm", name) for name in names), "1", *empty))
     if with_paper:
-        note += f" Numbers in the paper, of other garments: {paper()['garments']['source']}."
-    columns = ("method", *names, "floors", *(COLUMNS[score] for score in SHOWN))
-    return Table(f"Garments: Euclidean error, {data['split']}", columns, tuple(rows), note)
+        empty = [""] * (len(SHOWN) - 1 + seeded)
+        cells += [
+            (f"{row}{PAPER}", *_published(row, names), "", _published(row, ["collision"])[0], *empty)
+            for row in published()["rows"]
+        ]
+    columns = ("method", *names, "floors", *(COLUMNS[score] for score in SHOWN), *["seeds"] * seeded)
+    note = f"{_described(records)} Floors: error in units of the noise floor.{_of_several(rows)}"
+    note += f" {_of_paper()}" if with_paper else ""
+    title = f"Garments: Euclidean error, {records[0].data['split']}"
+    return Table(title, columns, tuple(cells), note, tuple(filter(None, (row.footnote() for row in rows))))
 
 
-def _paper_rows(names: Sequence[str]) -> list[tuple[str, ...]]:
-    rows = []
-    for method, published in paper()["garments"]["rows"].items():
-        cells = ["{:.2f} ± {:.2f}".format(*published[name]) if name in published else "" for name in names]
-        collision = "{:.2f} ± {:.2f}".format(*published["collision"])
-        rows.append((f"{method} (paper)", *cells, "", collision, *("" for _ in SHOWN[1:])))
-    return rows
+def animation_tables(records: Sequence[EvaluationRecord]) -> list[Table]:
+    """Both tables of the paper for evaluations of the same sequences, ours above the paper's; then the solvers.
+
+    Nothing where no simulator of the paper was evaluated on them.
+    """
+    rows, tables = garment_rows(records), []
+    names = [*arranged({*_names(records)[:-1], *published()["kinds"]}), OVERALL]
+    for table in published()["tables"]:
+        ours = {
+            name: [row for row in rows if row.training and row_label(row.records[0]) == name] for name in table["rows"]
+        }
+        if not any(ours.values()):
+            continue
+        cells = []
+        for name, found in ours.items():
+            cells += [_animation_cells(row, names) for row in found]
+            cells.append((f"{name}{PAPER}", "", *_published(name, [*names, "collision"])))
+        others = [row for row in rows if row.is_solver]
+        cells += [_animation_cells(row, names) for row in others]
+        shown = [*(row for found in ours.values() for row in found), *others]
+        note = f"{_described(records)}{_of_several(shown)} {_of_paper(table)}"
+        title = f"{table['title']}: Euclidean error [mm], ours beside the paper's"
+        columns = ("method", "seeds", *names, COLUMNS["collision_percent"])
+        tables.append(Table(title, columns, tuple(cells), note, tuple(filter(None, (r.footnote() for r in shown)))))
+    return tables
 
 
-def _is_twin(record: EvaluationRecord) -> bool:
-    return record.method["simulator"].get("_target_") == TWIN
+def _names(records: Sequence[EvaluationRecord]) -> list[str]:
+    return [*arranged(kind for record in records for kind in record.kinds), OVERALL]
+
+
+def _described(records: Sequence[EvaluationRecord]) -> str:
+    data = records[0].data
+    return (
+        f"Mean over vertices and frames, then mean ± standard deviation over sequences [mm]. {len(data['sequences'])} "
+        f"sequences of {data['path']} ({data['source']}), split {data['split']}, {_frames(records[0])} each from two "
+        "recorded ones."
+    )
+
+
+def _of_several(rows: Sequence[GarmentRow]) -> str:
+    averaged, found = any(len(row.records) > 1 for row in rows), scales(rows)
+    several = f" {OVER_SEEDS} The deviation over sequences is then a mean over seeds." if averaged else ""
+    differ = f" Trained at different scales ({', '.join(found)}): compare rows of one scale." if len(found) > 1 else ""
+    return several + differ
+
+
+def _of_paper(table: Mapping[str, str] | None = None) -> str:
+    about = published()
+    place = f", {table['place']} ({table['label']})" if table else ", its tables of animation"
+    other = f"Rows marked{PAPER} are of other garments, {about['frames']} frames of {about['data']}"
+    return f"{other}: {about['source']}{place}."
+
+
+def _comparison_cells(row: GarmentRow, names: Sequence[str], seeded: bool) -> tuple[str, ...]:
+    errors = [_spread(row, "error_mm", name) for name in names]
+    shown = [_spread(row, score) for score in SHOWN]
+    seeds = [str(len(row.seeds) or "")] * seeded
+    return (row.label, *errors, _spread(row, "error_in_floors"), *shown, *seeds)
+
+
+def _animation_cells(row: GarmentRow, names: Sequence[str]) -> tuple[str, ...]:
+    errors = [_spread(row, "error_mm", name) for name in names]
+    return (row.label, str(len(row.seeds) or ""), *errors, _spread(row, "collision_percent"))
+
+
+def _published(name: str, columns: Sequence[str]) -> list[str]:
+    row = published()["rows"][name]
+    return ["{:.2f} ± {:.2f}".format(*row[column]) if column in row else "" for column in columns]
+
+
+def _spread(row: GarmentRow, score: str, name: str = OVERALL) -> str:
+    """Mean over seeds, the mean of the deviations over sequences where they are shown, the range over seeds."""
+    mean, deviation = row.over_seeds(score, name), row.over_seeds(f"{score}_std", name)
+    return spread_cell(mean, deviation if score in WITH_SPREAD else None)
 
 
 def _frames(record: EvaluationRecord) -> str:

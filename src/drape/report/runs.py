@@ -33,14 +33,30 @@ def has_runs(folder: Path | str) -> bool:
 
 
 def find_evaluations(folder: Path | str) -> list[EvaluationRecord]:
-    """All finished evaluations of garments below ``folder``; of those of one name on the same data, the newest.
+    """All finished evaluations of garments below ``folder``; of those of one name, seed and data, the newest.
 
     Raises:
         DrapeError: one cannot be read.
     """
     found = [EvaluationRecord.load(path.parent) for path in _newest_last(Path(folder)) if _is_evaluation(path)]
-    newest = {(record.method["name"], repr(record.data)): record for record in found}
+    newest = {(record.method["name"], *_trained(record), repr(record.data)): record for record in found}
     return sorted(newest.values(), key=lambda record: str(record.folder))
+
+
+def seed_of(record: EvaluationRecord) -> int | None:
+    """The seed of an evaluation: of the training of its simulator, or its own; None where there is none."""
+    training = record.method.get("training")
+    for said in (training, record.method, record.provenance):
+        if isinstance(said, Mapping) and isinstance(said.get("seed"), int):
+            return said["seed"]
+    return None
+
+
+def _trained(record: EvaluationRecord) -> tuple:
+    """What two evaluations of one name may differ in and both count."""
+    training = record.method.get("training")
+    told = training if isinstance(training, Mapping) else {}
+    return (seed_of(record), *(repr(told.get(key)) for key in ("row", "ablation", "scale", "iterations")))
 
 
 def _newest_last(folder: Path) -> list[Path]:

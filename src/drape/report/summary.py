@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from drape.metrics import simulator_record
+from drape.metrics import material_record, simulator_record
 from drape.metrics.record import RunRecord, read_json
 
 
@@ -13,7 +13,20 @@ def summary(path: Path) -> str:
     """What the record of a training at ``path`` says; of a trial run, which leaves none, only that."""
     if not path.is_file():
         return "a trial run: nothing was recorded"
-    return _simulator(read_json(path)) if path.name == simulator_record.FILE else _energy(RunRecord.load(path.parent))
+    if path.name == simulator_record.FILE:
+        return _simulator(read_json(path))
+    return _materials(read_json(path)) if path.name == material_record.FILE else _energy(RunRecord.load(path.parent))
+
+
+def _materials(content: Mapping) -> str:
+    told = content["provenance"]
+    lines = [f"materials of PHYS (seed {told['seed']}, {told['frames']} frames, {told['steps']} steps):"]
+    for fabric, numbers in content["estimates"].items():
+        left = content["residuals"].get(fabric, {})
+        forces = ", ".join(f"{name} {value:.3f}" for name, value in left.items()) or "no frame to judge"
+        values = ", ".join(f"{name} {value:.3g}" for name, value in numbers.items())
+        lines.append(f"  {fabric:8} {values}; residual over weight: {forces}")
+    return "\n".join(lines)
 
 
 def _simulator(content: Mapping) -> str:

@@ -16,16 +16,19 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
+    footnotes: tuple[str, ...] = ()
 
     def markdown(self) -> str:
         """The table with its title as a heading of level 3."""
         lines = [f"### {self.title}", ""] + ([self.note, ""] if self.note else [])
         lines += [_line(self.columns), "|---" + "|---:" * (len(self.columns) - 1) + "|"]
-        return "\n".join(lines + [_line(row) for row in self.rows]) + "\n"
+        lines += [_line(row) for row in self.rows]
+        lines += ["", *(f"* {footnote}" for footnote in self.footnotes)] if self.footnotes else []
+        return "\n".join(lines) + "\n"
 
     def terminal(self) -> RichTable:
         """The same for a console of ``rich``."""
-        title, note = escape(self.title), escape(self.note) or None
+        title, note = escape(self.title), escape("\n".join(filter(None, (self.note, *self.footnotes)))) or None
         table = RichTable(title=title, caption=note, title_justify="left", caption_justify="left")
         for k, column in enumerate(self.columns):
             table.add_column(escape(column), justify="right" if k else "left", overflow="fold")

@@ -14,6 +14,8 @@ from drape.report.runs import Configuration, Spread
 from drape.report.table import Table, number
 
 OVER_SEEDS = "Means over seeds, in brackets the range over seeds of the mean."
+OF_PAPER = "– in the paper"
+"""Label of the row below ours with the paper's numbers."""
 QUANTITIES = {
     "stretch_stiffness_ratio": "Stiffness: ∂²φp/∂Δl² at rest / constant of Blender's springs [1]",
     "stretch_secant_ratio": "Stiffness where the cloth is: fitted slope of ∂φp/∂Δl / constant of Blender's springs [1]",
@@ -76,12 +78,12 @@ def energy_error_table(found: Sequence[Configuration]) -> Table:
     for configuration in found:
         means = [configuration.over_seeds(f"energy_error_J2/{name}") for name in names]
         spreads = [configuration.over_seeds(f"energy_error_J2_std/{name}") for name in names]
-        cells = [_cell(m, s) for m, s in zip(means, spreads, strict=True)]
+        cells = [spread_cell(m, s) for m, s in zip(means, spreads, strict=True)]
         rows.append((label(configuration), str(len(configuration.seeds)), *cells))
         if is_papers(configuration):
             published = paper()["rows"][configuration.ablation]
             cells = [f"{published[n][0]:.2f} ± {published[n][1]:.2f}" if n in published else "" for n in names]
-            rows.append(("– in the paper", "", *cells))
+            rows.append((OF_PAPER, "", *cells))
     note = f"Mean ± standard deviation over all test windows. {OVER_SEEDS}"
     title = "Energy: squared error of the change of energy of the cloth [J²]"
     return Table(title, ("configuration", "seeds", *names), tuple(rows), note)
@@ -143,10 +145,13 @@ def _verdicts(first: Configuration, second: Configuration, names: Sequence[str])
 
 
 def _rows(found: Sequence[Configuration], key: str, names: Sequence[str]) -> list[tuple[str, ...]]:
-    return [(label(c), str(len(c.seeds)), *(_cell(c.over_seeds(f"{key}/{name}")) for name in names)) for c in found]
+    return [
+        (label(c), str(len(c.seeds)), *(spread_cell(c.over_seeds(f"{key}/{name}")) for name in names)) for c in found
+    ]
 
 
-def _cell(value: Spread | None, deviation: Spread | None = None) -> str:
+def spread_cell(value: Spread | None, deviation: Spread | None = None) -> str:
+    """Mean, deviation and, where it is more than a point, the range over seeds: ``9.00 ± 3.00 (8.00…10.0)``."""
     if value is None:
         return ""
     text = number(value.mean) + (f" ± {number(deviation.mean)}" if deviation else "")

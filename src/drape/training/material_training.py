@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import lightning
 import torch
-from jaxtyping import Float
 from torch import Tensor
 from torch.utils.data import DataLoader
 
-from drape.data.garment_frames import GarmentFrames
-from drape.energy.force_balance import ForceBalance, force_balance, material_ratios
-from drape.energy.phys_material import material_numbers
-from drape.errors import DrapeError
+from drape.energy.checkpoint import FORMAT, versions
+from drape.energy.force_balance import material_ratios
+from drape.energy.phys_material import PhysMaterial, material_numbers
+from drape.metrics import material_record
 from drape.nets.material_net import MaterialNet
-
-
-class FabricBalance(NamedTuple):
-    """A training batch: the attributes of the fabric of each garment, and its balance of forces."""
-
-    attributes: Float[Tensor, "meshes attributes"]
-    balance: ForceBalance
+from drape.training.material_data import FabricBalance, MaterialDataModule
 
 
 class MaterialTraining(lightning.LightningModule):
@@ -42,6 +35,9 @@ class MaterialTraining(lightning.LightningModule):
         decay: factor of the learning rate from one epoch to the next.
     """
 
+    RECORD = material_record.FILE
+    """Name of the file that is left in the end."""
+
     def __init__(self, net: MaterialNet, learning_rate: float = 2e-4, decay: float = 0.5):
         super().__init__()
         self.net = net
@@ -55,42 +51,42 @@ class MaterialTraining(lightning.LightningModule):
         self.log("train/loss/force_balance", loss.detach(), batch_size=len(batch.attributes))
         return loss
 
+    @staticmethod
+    def supplied(_: MaterialDataModule) -> dict[str, object]:
+        """Nothing: the network reads the attributes of the batches."""
+        return {}
+
+    def described(
+        self, config: dict[str, Any], choices: Mapping[str, str], data: MaterialDataModule, seconds: float
+    ) -> dict[str, Any]:
+        """What a checkpoint says of itself."""
+        return {"format": FORMAT, "config": config, "versions": versions()}
+
+    def finish(
+        self, config: dict[str, Any], choices: Mapping[str, str], data: MaterialDataModule, seconds: float
+    ) -> material_record.MaterialRecord:
+        """The materials that the network makes of the fabrics, and what they leave of the forces in the test split."""
+        with torch.no_grad():
+            positions = {name: self.net(vector[None])[0] for name, vector in data.attributes.items()}
+        return material_record.MaterialRecord(
+            estimates={name: PhysMaterial.at(place)._asdict() for name, place in positions.items()},
+            residuals=data.residuals({name: PhysMaterial.at(place) for name, place in positions.items()}),
+            provenance={
+                "command": "python src/train.py " + choices["overrides"],
+                "data": config["data"]["path"],
+                "seed": config["seed"],
+                "scale": choices["scale"],
+                "frames": data.num_judged,
+                "steps": self.global_step,
+                "seconds": round(seconds, 1),
+                "versions": versions(),
+            },
+        )
+
     def configure_optimizers(self) -> dict:
         """Adam, its rate decayed with every epoch."""
         optimizer = torch.optim.Adam(self.net.parameters(), lr=self._learning_rate)
         return {"optimizer": optimizer, "lr_scheduler": torch.optim.lr_scheduler.ExponentialLR(optimizer, self._decay)}
-
-
-def material_loader(frames: Iterable[GarmentFrames], batch_size: int, seed: int) -> DataLoader:
-    """Batches for :class:`MaterialTraining`, in another order in every epoch; each frame is read once, here.
-
-    Frames in which no vertex can be judged are left out.
-
-    Raises:
-        DrapeError: there is no other frame.
-    """
-    judged = [one for batch in frames for one in _garments(batch) if len(one.balance.mesh_of_vertex)]
-    if not judged:
-        raise DrapeError(
-            "material training: found no vertex that is free and away from contact in any frame; expected some to "
-            "learn from; use looser garments, or more frames"
-        )
-    order = torch.Generator().manual_seed(seed)
-    return DataLoader(judged, batch_size, shuffle=True, generator=order, collate_fn=_collated)
-
-
-def _garments(frames: GarmentFrames) -> list[FabricBalance]:
-    columns, owner = force_balance(frames)
-    counts = owner.bincount(minlength=frames.window.mesh.num_meshes).tolist()
-    parts = zip(frames.window.attributes, columns.split(counts, 1), strict=True)
-    return [FabricBalance(a[None], ForceBalance(c, owner.new_zeros(c.shape[1]))) for a, c in parts]
-
-
-def _collated(garments: list[FabricBalance]) -> FabricBalance:
-    columns = [one.balance.columns for one in garments]
-    sizes = torch.tensor([part.shape[1] for part in columns])
-    balance = ForceBalance(torch.cat(columns, 1), torch.arange(len(garments)).repeat_interleave(sizes))
-    return FabricBalance(torch.cat([one.attributes for one in garments]), balance)
 
 
 def fit(

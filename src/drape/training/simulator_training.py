@@ -111,16 +111,13 @@ class SimulatorTraining(lightning.LightningModule):
         for k in range(length):
             step = rollout_step(rollout, k, x, v, cloth)
             x_next = advance(self.network, step)
-            values = self._values(Prediction(x_next, step, rollout.x[k + 2], cloth.terms, self.progress), rollout)
-            total = sum(value for value, _ in values.values())
+            prediction = Prediction(x_next, step, rollout.x[k + 2], cloth.terms, self.progress)
             every = 1 if self._updates == "step" else length
-            self.manual_backward(total / every)
-            for name, (_, value) in values.items():
-                sums[name] = sums.get(name, 0.0) + value / length
+            self.manual_backward(self._judged(prediction, rollout, sums) / every)
             if (k + 1) % every == 0:
                 self._update(optimizer, last=k + 1 == length)
             x, v = x_next.detach(), (x_next.detach() - x) / rollout.dt
-        logged = {f"train/loss/{name}": value for name, value in sums.items()}
+        logged = {f"train/loss/{name}": value / length for name, value in sums.items()}
         self.log_dict(logged | {"train/rollout_length": float(length)}, batch_size=rollout.mesh.num_meshes)
 
     def _begin(
@@ -138,19 +135,21 @@ class SimulatorTraining(lightning.LightningModule):
             return rollout.from_rest(), outside, torch.zeros_like(v)
         return rollout, outside, v
 
-    def _values(self, prediction: Prediction, rollout: GarmentRollout) -> dict[str, tuple[Tensor, Tensor]]:
-        """Weighted and unweighted summands by name; an unweighted ``total`` too."""
-        found = {}
+    def _judged(self, prediction: Prediction, rollout: GarmentRollout, sums: dict[str, Tensor]) -> Tensor:
+        """The sum of the losses; their summands are added to ``sums``."""
+        totals = []
         for loss in self.loss.values():
-            for name, value in loss(prediction).items():
+            values = loss(prediction)
+            for name, value in values.items():
                 if not torch.isfinite(value):
                     raise DrapeError(
                         f"training stopped at step {self.global_step}: loss term {name} is {float(value)} for "
                         f"{', '.join(rollout.names)}; the last checkpoint is from before; lower the learning rate or "
                         "look at the data"
                     )
-                found[name] = (loss.weight * value, value.detach())
-        return found
+                sums[name] = sums.get(name, 0.0) + value.detach()
+            totals.append(loss.total(values))
+        return torch.stack(totals).sum()
 
     def _update(self, optimizer: torch.optim.Optimizer, *, last: bool) -> None:
         """One update; Lightning is told of the last of an iteration only, so that it counts iterations."""

@@ -66,7 +66,7 @@ class RecordedCloths:
 
 
 class LearnedCloths:
-    """All garments of a batch of one fabric, drawn evenly, with the energies of its learned law, which is not trained.
+    """All garments of a batch of the fabric of one of them, with the energies of its learned law, which is not trained.
 
     Masses are those per vertex that the data have for the fabric.
 
@@ -83,7 +83,7 @@ class LearnedCloths:
         self._fabrics: dict[str, Fabric] = {}
 
     def draw(self, rollout: GarmentRollout, materials: Mapping[str, Material], generator: torch.Generator) -> Cloth:
-        names = sorted(materials)
+        names = rollout.fabrics
         name = names[int(torch.randint(len(names), (), generator=generator))]
         if name not in self._fabrics:
             self._fabrics[name] = self._energy(material=materials[name])

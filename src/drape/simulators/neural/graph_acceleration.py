@@ -64,7 +64,9 @@ class GraphAcceleration(nn.Module):
             raise DrapeError(
                 f"graph network: coarse_levels {coarse_levels}, attributes {attributes}; expected 0 or more of each"
             )
-        self.inputs = GraphInputs(attributes, coarse_levels, reach, search_range, speed, edge_length, mass)
+        self.inputs = GraphInputs(
+            attributes, coarse_levels, reach, search_range, speed, acceleration, edge_length, mass
+        )
         self.acceleration = acceleration
         self.net = net(self.inputs.size_node, self.inputs.sizes_edge, 3)
         # An untrained network lets the cloth fly straight on, so the first steps of a self-supervised training start

@@ -20,16 +20,21 @@ STANDARD_GRAVITY = 9.81
 """[m/s²]"""
 FREE, PINNED, BODY = range(3)
 """The types of nodes."""
+OWN = 13
+"""Features of a vertex before its attributes."""
+STRAIN = 0.02
+"""Strain of an edge that counts as one; that of recorded garments is of this size."""
 
 
 @dataclass(frozen=True)
 class GraphInputs:
     """The features of nodes and edges. Differences are taken in the precision of the step; vectors are scaled alike.
 
-    * Nodes: velocity, normal; of the cloth also log(mass), acceleration by gravity and external force, attributes (0
-      for the body); type; deepest coarse level. At a pinned vertex the velocity is the one prescribed for the step.
-    * Edges of the mesh and of its coarse levels, both ways: receiver minus sender now and at rest, with norms;
-      attributes.
+    * Nodes: velocity, normal; of the cloth also the acceleration that would let it go with the body, 0 beyond
+      ``reach``, log(mass), acceleration by gravity and external force, attributes (0 for the body); type; deepest
+      coarse level. At a pinned vertex the velocity is the one prescribed for the step.
+    * Edges of the mesh and of its coarse levels, both ways: receiver minus sender now and at rest, with norms; strain;
+      the acceleration of one end that would end their relative motion; attributes.
     * Edges from the body, one for each vertex within ``reach``: the vertex minus its closest point of the body, where
       that is at t and at t + dt, with norms; signed distance. Without obstacle there are none and nothing is searched.
     """
@@ -39,19 +44,20 @@ class GraphInputs:
     reach: float
     search_range: float
     speed: float
+    acceleration: float
     edge_length: float
     mass: float
 
     @property
     def size_node(self) -> int:
         """Number of features of a node."""
-        return 10 + self.attributes + 3 + (self.coarse_levels + 1 if self.coarse_levels else 0)
+        return OWN + self.attributes + 3 + (self.coarse_levels + 1 if self.coarse_levels else 0)
 
     @property
     def sizes_edge(self) -> dict[str, int]:
         """Number of features of an edge of each set."""
         names = ["mesh", *(f"coarse_{level}" for level in range(1, self.coarse_levels + 1))]
-        return {name: 8 + self.attributes for name in names} | {"body": 9}
+        return {name: 12 + self.attributes for name in names} | {"body": 9}
 
     def of(self, step: Step, heading: Heading) -> tuple[Float[Tensor, "nodes features"], dict[str, EdgeSet]]:
         """Nodes, those of the cloth first, and edges, in the frames ``heading``.
@@ -70,23 +76,30 @@ class GraphInputs:
             hierarchy = mesh.coarse_levels(self.coarse_levels)
             level = hierarchy.level
             sets |= {f"coarse_{number}": ends for number, ends in enumerate(hierarchy.edges, 1)}
-        nodes = self._cloth_nodes(step, heading, level)
+        points = None if step.obstacle is None else BodyPoints.of(step, self.reach, self.search_range)
+        nodes = self._cloth_nodes(step, heading, level, points)
         edges = {name: self._cloth_edges(step, heading, ends) for name, ends in sets.items()}
-        if step.obstacle is not None:
-            points = BodyPoints.of(step, self.reach, self.search_range)
+        if points is not None:
             nodes = torch.cat([nodes, self._body_nodes(points, step, heading)])
             edges["body"] = self._body_edges(points, step, heading, level)
         return nodes, edges
 
-    def _cloth_nodes(self, step: Step, heading: Heading, level: Tensor | None) -> Tensor:
+    def _cloth_nodes(
+        self, step: Step, heading: Heading, level: Tensor | None, points: BodyPoints | None
+    ) -> Tensor:
         mesh_of = step.mesh.mesh_of_vertex
         drive = step.gravity.expand_as(step.x)
         if step.external_force is not None:
             drive = drive + step.external_force / step.mass[:, None]
-        vectors = torch.stack([step.v / self.speed, step.geometry.vertex_normals, drive / STANDARD_GRAVITY], 1)
-        velocity, normal, drive = heading.inward(vectors, mesh_of[:, None].expand(-1, 3)).unbind(1)
+        along = torch.zeros_like(step.x)
+        if points is not None:
+            behind = (points.velocity - step.v[points.vertices]) / (step.dt * self.acceleration)
+            along = along.index_copy(0, points.vertices, behind)
+        vectors = torch.stack([step.v / self.speed, step.geometry.vertex_normals, along, drive / STANDARD_GRAVITY], 1)
+        velocity, normal, along, drive = heading.inward(vectors, mesh_of[:, None].expand(-1, 4)).unbind(1)
         kind = one_hot(torch.where(step.free, FREE, PINNED), 3)
-        features = [velocity, normal, (step.mass / self.mass).log()[:, None], drive, step.attributes[mesh_of], kind]
+        mass = (step.mass / self.mass).log()[:, None]
+        features = [velocity, normal, along, mass, drive, step.attributes[mesh_of], kind]
         if level is not None:
             features.append(one_hot(level, self.coarse_levels + 1))
         return torch.cat([f.to(step.x.dtype) for f in features], -1)
@@ -96,7 +109,7 @@ class GraphInputs:
         mesh_of = step.mesh.mesh_of_vertex[points.vertices]
         nodes = step.x.new_zeros(len(points.vertices), self.size_node)
         nodes[:, :6] = heading.inward(vectors, mesh_of[:, None].expand(-1, 2)).flatten(1)
-        nodes[:, 10 + self.attributes + BODY] = 1.0
+        nodes[:, OWN + self.attributes + BODY] = 1.0
         return nodes
 
     def _cloth_edges(self, step: Step, heading: Heading, ends: Int[Tensor, "pairs 2"]) -> EdgeSet:
@@ -105,8 +118,12 @@ class GraphInputs:
         now = heading.inward(step.x.index_select(0, second) - step.x.index_select(0, first), mesh_of)
         rest = step.mesh.rest_positions
         vectors = torch.stack([now, (rest[second] - rest[first]).to(now.dtype)], 1) / self.edge_length
-        same_both_ways = torch.cat([safe_norm(vectors, TINY), step.attributes[mesh_of].to(now.dtype)], -1)
-        vectors = vectors.flatten(1)
+        lengths = safe_norm(vectors, TINY)
+        strain = (lengths[:, :1] / lengths[:, 1:] - 1.0) / STRAIN
+        same_both_ways = torch.cat([lengths, strain, step.attributes[mesh_of].to(now.dtype)], -1)
+        parting = step.v.index_select(0, second) - step.v.index_select(0, first)
+        parting = heading.inward(parting, mesh_of) / (step.dt * self.acceleration)
+        vectors = torch.cat([vectors.flatten(1), parting], -1)
         there, back = (torch.cat([v, same_both_ways], -1) for v in (vectors, -vectors))
         return EdgeSet(torch.cat([first, second]), torch.cat([second, first]), torch.cat([there, back]))
 

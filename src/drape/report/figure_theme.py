@@ -1,0 +1,48 @@
+"""Figures for light and for dark pages: one drawing, colours of text and lines by the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib
+from matplotlib.figure import Figure
+
+INK = {False: "#24292f", True: "#d8dee6"}
+"""Of text and frames on a light, on a dark page."""
+LONG = 24
+"""Letters up to which three names stand side by side."""
+FORMATS = {".svg": {"Date": None}, ".png": {}}
+"""What is written into a file beside the picture: nothing that differs from run to run."""
+
+
+@contextmanager
+def themed(*, dark: bool) -> Iterator[None]:
+    """Text and lines of figures made inside are legible on a light or a ``dark`` page."""
+    names = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "legend.labelcolor")
+    settings = dict.fromkeys(names, INK[dark]) | {
+        "axes.facecolor": "none",
+        "legend.framealpha": 0.0,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "font.size": 10,
+        "svg.hashsalt": "drape",
+    }
+    with matplotlib.rc_context(settings):
+        yield
+
+
+def legend_below(figure: Figure) -> None:
+    """Names what is drawn, in as many columns as the names leave room for."""
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    columns = 3 if max(map(len, labels)) <= LONG else 2
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8)
+
+
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a PNG on white, or an SVG without background."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    background = {"transparent": True} if path.suffix == ".svg" else {"dpi": 130}
+    figure.savefig(path, metadata=FORMATS[path.suffix], **background)
+    return path

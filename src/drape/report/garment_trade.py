@@ -1,0 +1,82 @@
+"""The trade between speed and accuracy of animated garments: error against time per frame, as figure and as rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
+from drape.evaluation.scored_sequence import write_rows
+from drape.report.figure_theme import INK, legend_below, save_figure, themed
+from drape.report.garment_colours import row_styles
+from drape.report.garment_rows import GarmentRow
+
+COLUMNS = ("ms_per_frame", "error_mm", "error_mm_std", "floor_mm", "collision_percent", "inside_percent")
+MARKERS = {"trained": "o", "solver": "s", "baseline": "D"}
+
+
+def trade_rows(rows: Sequence[GarmentRow]) -> list[dict[str, object]]:
+    """For each row with a time and an error: label, scale, seeds, and the means over seeds of :data:`COLUMNS`.
+
+    The twin is no way to animate anything: it is the noise floor, and no row.
+    """
+    found = []
+    for row in rows:
+        means = {name: row.over_seeds(name) for name in COLUMNS}
+        if row.is_twin or means["ms_per_frame"] is None or means["error_mm"] is None:
+            continue
+        about = {"method": row.label, "scale": row.training.get("scale", ""), "seeds": len(row.records)}
+        about["sequences"] = len(row.records[0].data["sequences"])
+        found.append(about | {name: "" if mean is None else mean.mean for name, mean in means.items()})
+    return found
+
+
+def write_garment_trade(rows: Sequence[GarmentRow], picture: Path) -> Path | None:
+    """:func:`trade_rows` as CSV beside a picture of the same name; None where there are none."""
+    found, path = trade_rows(rows), picture.with_suffix(".csv")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return write_rows(path, found) if found else None
+
+
+def draw_garment_trade(rows: Sequence[GarmentRow], path: Path, *, dark: bool = False) -> Path | None:
+    """Error [mm] against time per frame [ms], both logarithmic, a point for each of ``rows``; the floor as a line.
+
+    Bars: the range over seeds. None where no row has both numbers.
+    """
+    shown = {str(each["method"]) for each in trade_rows(rows)}
+    if not shown:
+        return None
+    with themed(dark=dark):
+        figure = Figure(figsize=(6.4, 5.8), layout="constrained")
+        axis = figure.subplots()
+        styles = row_styles(rows)
+        for row in (row for row in rows if row.label in shown):
+            _draw_point(axis, row, styles[row.label]["color"])
+        floors = [floor.mean for row in rows if (floor := row.over_seeds("floor_mm")) is not None]
+        if floors:
+            axis.axhline(floors[0], color=INK[dark], linestyle=":", linewidth=1)
+            axis.annotate(
+                f"noise floor {floors[0]:.2g} mm", (1.0, floors[0]), (-2, 4), xycoords=("axes fraction", "data"),
+                textcoords="offset points", fontsize=8, ha="right",
+            )  # fmt: skip
+        axis.set(xscale="log", yscale="log", xlabel="time per frame [ms]", ylabel="mean vertex error [mm]")
+        axis.margins(0.12)
+        axis.grid(alpha=0.25, linewidth=0.5)
+        for ticks in (axis.xaxis, axis.yaxis):
+            ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ticks.set_major_formatter(FormatStrFormatter("%g"))
+            ticks.set_minor_formatter(NullFormatter())
+        legend_below(figure)
+        return save_figure(figure, path)
+
+
+def _draw_point(axis: Axes, row: GarmentRow, colour: str) -> None:
+    time, error = row.over_seeds("ms_per_frame"), row.over_seeds("error_mm")
+    marker = MARKERS["trained" if row.training else "solver" if row.is_solver else "baseline"]
+    if len(row.records) > 1:
+        axis.plot([time.mean] * 2, [error.lowest, error.highest], color=colour, linewidth=1)
+        axis.plot([time.lowest, time.highest], [error.mean] * 2, color=colour, linewidth=1)
+    axis.plot(time.mean, error.mean, marker, color=colour, markersize=7, label=row.label)
