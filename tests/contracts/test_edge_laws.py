@@ -18,6 +18,7 @@ from drape.energy.checkpoint import describe
 from drape.energy.cubic_spline import SplineTable, coefficients
 from drape.energy.edge_law import NetworkLaw
 from drape.energy.load_law import load_baked, load_law
+from drape.energy.stretch_only import StretchOnly
 from drape.errors import DrapeError
 from drape.scene.material import ATTRIBUTES, Material
 from tests.energies import make_energy, make_window
@@ -25,8 +26,8 @@ from tests.energies import make_energy, make_window
 SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
 ATTRIBUTE_VECTOR = torch.tensor([0.02, 0.01, 0.05, 0.0, 0.0], dtype=torch.float64)
 RESOLUTION = Resolution((-1.0, 4.0), 0.25, 24, 20.0, 0.05)
-LAWS = ["stable", "mlp", "baked", "baked_mlp", "stretch", "baked_stretch"]
-STATIONARY = ["stable", "baked", "stretch", "baked_stretch"]
+LAWS = ["stable", "mlp", "baked", "baked_mlp", "stretch", "baked_stretch", "stable_alone", "table_alone"]
+STATIONARY = ["stable", "baked", "stretch", "baked_stretch", "stable_alone", "table_alone"]
 BAKED = [name for name in LAWS if name.startswith("baked")]
 BOUNDS = Bounds(energy=1e-3, force=1e-2, rest_energy=2e-2, rest_force=5e-2)
 
@@ -42,6 +43,7 @@ def laws():
     }
     for name, of in {"baked": "stable", "baked_mlp": "mlp", "baked_stretch": "stretch"}.items():
         made[name] = bake(made[of], ATTRIBUTE_VECTOR, RESOLUTION, fabric=SILK)
+    made |= {"stable_alone": StretchOnly(made["stable"]), "table_alone": StretchOnly(made["baked"])}
     return {name: copy.deepcopy(law).double().requires_grad_(False) for name, law in made.items()}
 
 

@@ -149,15 +149,16 @@ def test_features_over_a_floor():
     count, up = len(x), torch.tensor([0.0, 0.0, 1.0]).double()
     levels = step.mesh.coarse_levels(2)
 
-    velocity, normal, mass, drive, attributes, kind, level = nodes[:count].split([3, 3, 1, 3, 5, 3, 3], 1)
+    velocity, normal, along, mass, drive, attributes, kind, level = nodes[:count].split([3, 3, 3, 1, 3, 5, 3, 3], 1)
     torch.testing.assert_close(velocity, step.v / 2.0)
     torch.testing.assert_close(normal, up.expand_as(x))
+    torch.testing.assert_close(along, (shift / step.dt - step.v) / step.dt / 7.0)
     torch.testing.assert_close(mass[:, 0], (step.mass / 0.2).log())
     torch.testing.assert_close(drive, (step.gravity + step.external_force / step.mass[:, None]) / 9.81)
     torch.testing.assert_close(attributes, step.attributes.expand(count, -1))
     assert torch.equal(kind, torch.stack([step.free, ~step.free, torch.zeros_like(step.free)], 1).double())
     assert torch.equal(level.argmax(1), levels.level)
-    expected = torch.cat([shift / step.dt / 2.0, up, torch.zeros(11), torch.ones(1), torch.zeros(3)])
+    expected = torch.cat([shift / step.dt / 2.0, up, torch.zeros(14), torch.ones(1), torch.zeros(3)])
     torch.testing.assert_close(nodes[count:], expected.expand(count, -1))
 
     arms = torch.stack([0.01 * up, 0.01 * up - shift]) / 0.04
@@ -174,9 +175,41 @@ def test_features_over_a_floor():
         both = torch.cat([pairs, pairs.flip(1)]).tolist()
         assert sorted(torch.stack([edge_set.senders, edge_set.receivers], 1).tolist()) == sorted(both)
         rest = (x[edge_set.receivers] - x[edge_set.senders]) / 0.1
-        lengths = torch.stack([1.5 * rest.norm(dim=1), rest.norm(dim=1)], 1)
-        expected = torch.cat([1.5 * rest, rest, lengths, step.attributes.expand(len(rest), -1)], 1)
+        # the receiver would lose all of its velocity relative to the sender; half as long again is 25 strains of 0.02
+        parting = (step.v[edge_set.receivers] - step.v[edge_set.senders]) / step.dt / 7.0
+        assert parting.abs().max() > 0.01
+        lengths = torch.stack([1.5 * rest.norm(dim=1), rest.norm(dim=1), torch.full((len(rest),), 25.0)], 1)
+        expected = torch.cat([1.5 * rest, rest, parting, lengths, step.attributes.expand(len(rest), -1)], 1)
         torch.testing.assert_close(edge_set.features, expected)
+
+
+def test_the_body_beyond_reach_is_not_gone_with(step: Step):
+    """Only vertices within 40 mm are told which acceleration would let them go with the body; no body tells none."""
+    network = make_network()
+    near = step.nearest_faces(0.1)
+    reached = near.vertices[near.distance.abs() <= 0.04]
+    assert 0 < len(reached) < len(near.vertices)
+    told = network.inputs.of(step, Heading(step.x, step.mesh))[0][: len(step.x), 6:9]
+    assert (told[reached] != 0.0).any(1).all()
+    assert torch.equal((told != 0.0).any(1).nonzero()[:, 0], reached)
+    alone = replace(step, obstacle=None)
+    assert not network.inputs.of(alone, Heading(alone.x, alone.mesh))[0][:, 6:9].any()
+
+
+def test_pinned_vertices_part_as_they_are_led(step: Step):
+    """Between a led and a free vertex the edge is told the prescribed velocity, not the one the data had before."""
+    first, second = step.mesh.edges.unbind(1)
+    across = (step.free[first] != step.free[second]).nonzero()[0, 0]
+    v = step.v.clone()
+    v[~step.free] += torch.tensor([0.0, 0.0, 0.7], dtype=torch.float64)
+    network, heading = make_network(), Heading(step.x, step.mesh)
+    before, after = (network.inputs.of(s, heading)[1]["mesh"].features for s in (step, replace(step, v=v)))
+    sign = -1.0 if step.free[second[across]] else 1.0
+    change = torch.zeros(before.shape[1], dtype=torch.float64)
+    change[8] = sign * 0.7 / step.dt / 7.0
+    torch.testing.assert_close(after[across] - before[across], change)
+    inside = (step.free[first] == step.free[second]).nonzero()[:, 0]
+    torch.testing.assert_close(after[inside], before[inside])
 
 
 @pytest.mark.parametrize(
@@ -275,7 +308,26 @@ def test_untrained_network_predicts_nearly_nothing(step: Step):
 
 
 def test_scale_of_the_output(step: Step):
-    assert_same(make_network(acceleration=14.0)(step), 2.0 * make_network(acceleration=7.0)(step))
+    """Told the same, a network of twice the acceleration predicts twice as much."""
+    single, double = make_network(acceleration=7.0), make_network(acceleration=14.0)
+    double.inputs = single.inputs
+    assert_same(double(step), 2.0 * single(step))
+
+
+def test_scale_of_accelerations_told(step: Step):
+    """Twice the typical acceleration halves the features that are accelerations, and no others."""
+    heading = Heading(step.x, step.mesh)
+    (nodes, edges), (half_nodes, half_edges) = (
+        make_network(acceleration=size).inputs.of(step, heading) for size in (7.0, 14.0)
+    )
+    for found, half, places in [
+        (nodes, half_nodes, slice(6, 9)),
+        (edges["mesh"].features, half_edges["mesh"].features, slice(6, 9)),
+        (edges["body"].features, half_edges["body"].features, slice(0, 0)),
+    ]:
+        expected = found.clone()
+        expected[:, places] *= 0.5
+        torch.testing.assert_close(half, expected)
 
 
 def test_cloth_without_a_coarse_edge():

@@ -185,21 +185,23 @@ def _name(annotation: Any) -> str:
 
 def _foreign_values(config: DictConfig) -> Iterator[str]:
     """Plain values in the node of a group that none of the group's options has."""
+    elsewhere = list(_options_at_the_top())
     for group, node in config.items_ex(resolve=False):
         files = sorted((CONF / str(group)).glob("*.yaml"))
         if not isinstance(node, DictConfig) or "_target_" in node or not files:
             continue
         options = [yaml.safe_load(file.read_text(encoding="utf-8")) or {} for file in files]
-        known = {str(key) for option in [*options, *_options_elsewhere(str(group))] for key in option} - {"defaults"}
+        options += [tree[group] for tree in elsewhere if isinstance(tree.get(group), dict)]
+        known = {str(key) for option in options for key in option} - {"defaults"}
         for key in node:
             if key not in known and not isinstance(node._get_node(key), Container):
                 yield f"{group}.{key}: no option of conf/{group}/ has it{did_you_mean(str(key), known)}"
 
 
-def _options_elsewhere(group: str) -> Iterator[Mapping[str, Any]]:
-    """What options of other groups that stand at the top themselves (``# @package _global_``) say of ``group``."""
+def _options_at_the_top() -> Iterator[Mapping[str, Any]]:
+    """What options that stand at the top themselves (``# @package _global_``) say, of any group."""
     for file in sorted(CONF.glob("*/*.yaml")):
         text = file.read_text(encoding="utf-8")
         tree = yaml.safe_load(text) if text.startswith("# @package _global_") else None
-        if isinstance(tree, dict) and isinstance(tree.get(group), dict):
-            yield tree[group]
+        if isinstance(tree, dict):
+            yield tree

@@ -27,6 +27,7 @@ from drape.errors import DrapeError
 
 AGAIN = "make the file again"
 
+
 class Layout(NamedTuple):
     """A dataset as it lies in the file: numbers one after the other from byte ``offset`` on."""
 

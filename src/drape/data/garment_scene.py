@@ -33,9 +33,7 @@ def garment_scene(path: str, sequence: str, frames: int | None = None, fabric: s
     return recorded_scene(recorded, frames)
 
 
-def recorded_scene(
-    sequence: GarmentSequence, frames: int | None = None, areal_density: float | None = None
-) -> Scene:
+def recorded_scene(sequence: GarmentSequence, frames: int | None = None, areal_density: float | None = None) -> Scene:
     """Garment, fabric, masses, gravity and friction as recorded; body and pinned vertices move as recorded.
 
     The scene begins at the recorded frame 1 with ``v = (x¹ - x⁰) / dt``; its frame k is the recorded frame k + 1, and

@@ -73,4 +73,3 @@ OPTIONAL = {
 }
 """Of a body: both or none, and there where a sequence stores transforms. Of a sequence: exactly one of transforms and
 body_positions; positions unless it is the motion of a body alone."""
-

@@ -54,9 +54,7 @@ class Newton(Potential):
     def total(self, values: dict[str, Tensor]) -> Tensor:
         return self.weight * values["newton"]
 
-    def _newton(
-        self, terms: list[EnergyTerm], x: Tensor, step: Step, gradient: Tensor
-    ) -> Float[Tensor, "vertices 3"]:
+    def _newton(self, terms: list[EnergyTerm], x: Tensor, step: Step, gradient: Tensor) -> Float[Tensor, "vertices 3"]:
         if step.mesh not in self._sums:
             self._sums[step.mesh] = StencilSum()
         pieces = [piece for term in terms for piece in term.stencils(x, step)]

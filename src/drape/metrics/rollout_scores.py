@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from torch import nn
 
 from drape.data.garment_scene import recorded_scene
@@ -20,13 +22,20 @@ EVERY = 8
 """Collisions are counted in every so many frames."""
 
 
+class ScoredRollout(NamedTuple):
+    """A recorded sequence as a network animates it."""
+
+    sequence: GarmentSequence
+    x: Float[np.ndarray, "frames vertices 3"]
+    """Positions [m]; the first ones are those of the recorded frame :data:`~drape.data.garment_scene.START`."""
+    scores: dict[str, float]
+    """``error_mm``, ``last_error_mm``, ``collision_percent`` (the paper's), ``inside_percent``, ``ms_per_frame``."""
+
+
 def rollout_scores(
     network: nn.Module, cloths: Cloths, sequence: GarmentSequence, frames: int | None = None
-) -> dict[str, float]:
-    """Scores of the whole sequence animated from two recorded frames: means over the frames.
-
-    ``error_mm``, ``last_error_mm``, ``collision_percent`` (the paper's), ``inside_percent``, ``ms_per_frame``.
-    """
+) -> ScoredRollout:
+    """The whole sequence, or so many frames of it, animated from two recorded frames; scores are means over frames."""
     scene = recorded_scene(sequence, frames)
     device = next(network.parameters()).device
     simulator = NeuralSimulator(network, cloths, scene, str(device))
@@ -39,10 +48,11 @@ def rollout_scores(
     looked, faces = range(EVERY, len(x), EVERY), scene.obstacle.faces
     inside = [(depth_inside(x[k], faces, scene.obstacle.at(k), DEPTH) > 0).mean() for k in looked]
     behind = [behind_nearest_vertex(x[k], scene.obstacle.at(k), faces).mean() for k in looked]
-    return {
+    scores = {
         "error_mm": float(error.mean()),
         "last_error_mm": float(error[-1]),
         "collision_percent": 100.0 * float(np.mean(behind)) if behind else 0.0,
         "inside_percent": 100.0 * float(np.mean(inside)) if inside else 0.0,
         "ms_per_frame": 1e3 * seconds / scene.frames,
     }
+    return ScoredRollout(sequence, x, scores)

@@ -92,7 +92,6 @@ def gain(energy: Float[np.ndarray, " frames"], scale: float) -> float:
     return risen / scale if risen > 0 else 0.0
 
 
-
 def _drift(scene: Scene, states: Sequence[State]) -> float:
     momenta = np.array([(scene.mass[:, None] * state.v).sum(axis=0) for state in states])
     largest = max(float((scene.mass * np.linalg.norm(state.v, axis=1)).sum()) for state in states)

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import lightning
-from lightning.pytorch.loggers import Logger, TensorBoardLogger, WandbLogger
-from matplotlib.image import imread
 
 from drape.report.energy_map import draw_energy_map, energy_of
+from drape.report.logged_images import log_image
 
 KEY = "figures/energy_map"
 """Of the image in the loggers; also where it lies in the run directory."""
@@ -36,12 +35,4 @@ class EnergyMapImages(lightning.Callback):
         attributes = {name: vector.to(pl_module.device) for name, vector in fabrics.items()}
         energies = {f"step {trainer.global_step}": energy_of(pl_module.energy.potential)}
         draw_energy_map(energies, attributes, self._path)
-        for logger in trainer.loggers:
-            _log_image(logger, self._path, trainer.global_step)
-
-
-def _log_image(logger: Logger, path: Path, step: int) -> None:
-    if isinstance(logger, TensorBoardLogger):
-        logger.experiment.add_image(KEY, imread(path)[..., :3], step, dataformats="HWC")
-    elif isinstance(logger, WandbLogger):
-        logger.log_image(KEY, [str(path)], step=step)
+        log_image(trainer.loggers, KEY, self._path, trainer.global_step)

@@ -19,7 +19,7 @@ from drape.energy.penetration import Body, cleared
 from drape.errors import DrapeError
 from drape.loss.prediction import Prediction, PredictionLoss
 from drape.metrics import simulator_record
-from drape.metrics.rollout_scores import rollout_scores
+from drape.metrics.rollout_scores import ScoredRollout, rollout_scores
 from drape.simulators.neural.advance import advance, rollout_step
 from drape.simulators.neural.checkpoint import describe_simulator
 from drape.simulators.neural.cloths import Cloths
@@ -29,6 +29,8 @@ from drape.training.schedule import Schedule
 UPDATES = ("step", "rollout")
 REACH = 0.1
 """How deep inside the body a vertex of a first frame is looked for [m]."""
+KEPT = 2
+"""Watched sequences whose frames are kept until the next validation, to be looked at."""
 
 
 class SimulatorTraining(lightning.LightningModule):
@@ -87,6 +89,7 @@ class SimulatorTraining(lightning.LightningModule):
         self._make_optimizer, self._schedule, self._curriculum = optimizer, schedule, curriculum
         self._updates, self._noise, self._clip, self._clearance = updates, noise, clip, clearance
         self._seed = seed
+        self.watched: list[ScoredRollout] = []
 
     @staticmethod
     def supplied(data: GarmentDataModule) -> dict[str, object]:
@@ -157,9 +160,16 @@ class SimulatorTraining(lightning.LightningModule):
         (optimizer if last else optimizer.optimizer).step()
         optimizer.zero_grad()
 
+    def on_validation_epoch_start(self) -> None:
+        """Forget what the last validation has animated."""
+        self.watched.clear()
+
     def validation_step(self, watched: Watched, batch_idx: int) -> None:
         """Animate a whole sequence and score it."""
-        for name, value in rollout_scores(self.network, self.cloths, watched.sequence).items():
+        rollout = rollout_scores(self.network, self.cloths, watched.sequence)
+        if len(self.watched) < KEPT:
+            self.watched.append(rollout)
+        for name, value in rollout.scores.items():
             self.log(f"val/{name}", value, batch_size=1, on_epoch=True, sync_dist=True)
 
     def described(

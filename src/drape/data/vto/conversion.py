@@ -80,9 +80,7 @@ class MotionReader:
         shape = motion.shape[frames]
         rest = self.model.posed(np.zeros((1, 72)), shape[0], np.zeros((1, 3)))[0]
         moved = self.model.posed(motion.poses[frames], shape, motion.translation[frames])
-        body = StoredBody(
-            y_up_to_z_up(rest), self.model.faces, shape={"model": "smpl", "betas": shape[0].tolist()}
-        )
+        body = StoredBody(y_up_to_z_up(rest), self.model.faces, shape={"model": "smpl", "betas": shape[0].tolist()})
         sequence = StoredGarmentSequence(
             name=name,
             body=name,

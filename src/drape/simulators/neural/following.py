@@ -35,8 +35,8 @@ class Following(nn.Module):
         super().__init__()
         if not (0.0 <= share <= 1.0 and 0.0 < distance < math.inf and 0.0 < search_range < math.inf):
             raise DrapeError(
-                f"following: share {share}, distance {distance} m, search_range {search_range} m; expected a share from "
-                "0 to 1, and positive lengths"
+                f"following: share {share}, distance {distance} m, search_range {search_range} m; expected a share "
+                "from 0 to 1, and positive lengths"
             )
         self.network, self.share, self.distance, self.search_range = network, share, distance, search_range
 

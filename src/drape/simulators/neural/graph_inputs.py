@@ -84,9 +84,7 @@ class GraphInputs:
             edges["body"] = self._body_edges(points, step, heading, level)
         return nodes, edges
 
-    def _cloth_nodes(
-        self, step: Step, heading: Heading, level: Tensor | None, points: BodyPoints | None
-    ) -> Tensor:
+    def _cloth_nodes(self, step: Step, heading: Heading, level: Tensor | None, points: BodyPoints | None) -> Tensor:
         mesh_of = step.mesh.mesh_of_vertex
         drive = step.gravity.expand_as(step.x)
         if step.external_force is not None:
