@@ -40,6 +40,12 @@ def _simulate(source: str, settings: dict) -> None:
     if made or not sheet.exists():
         draw(file, sheet)
     print(f"contact sheet: {sheet}")
+    if settings["clips"]["render"] and source == "garments":
+        from drape.report.garment_clips import render_garment_clips
+
+        how = {name: settings["clips"][name] for name in ("samples", "size", "every")}
+        moving, films = render_garment_clips(file, file.path.with_name(f"{file.path.stem}_clips"), **how)
+        print("clips:", moving, *films, sep="\n  ")
 
 
 def _convert(source: str, data: dict) -> None:

@@ -9,20 +9,13 @@ from rich.console import Console
 
 from drape import config as conf
 from drape.metrics.evaluation_record import EvaluationRecord
-from drape.metrics.record import FILE
-from drape.report.curves import draw_curves
-from drape.report.document import document, garment_document, settings_of, tables
-from drape.report.energy_map import draw_energy_map
+from drape.report.document import garment_document
 from drape.report.garment_rows import by_data, garment_rows
 from drape.report.garment_tables import garment_tables
 from drape.report.garment_trade import draw_garment_trade, write_garment_trade
-from drape.report.learned import learned_energies, learned_fabrics
 from drape.report.names import data_name
-from drape.report.provenance import describe_setting, missing
 from drape.report.runs import find_evaluations, find_runs, has_runs
-from drape.report.summary import summary
-from drape.report.table import Table
-from drape.report.training_trade import draw_training_trade
+from drape.report.trainings import write_trainings
 
 
 @conf.main("report")
@@ -33,7 +26,8 @@ def main(config: DictConfig) -> None:
     if evaluations:
         garments(evaluations, console, folder)
     if has_runs(config.runs) or not evaluations:
-        laws, maps = trainings(config, console, folder)
+        settings = {name: config[name] for name in ("ablations", "seeds", "map_fabrics")}
+        laws, maps = write_trainings(find_runs(config.runs), folder, console, **settings)
     written = page.write(evaluations, config.runs, laws, maps)
     console.print(f"page: {written}", soft_wrap=True)
 
@@ -47,33 +41,6 @@ def garments(evaluations: list[EvaluationRecord], console: Console, folder: Path
         path = folder / (f"garments_trade_{data_name(group[0])}.png" if k else "garments_trade.png")
         written += [draw_garment_trade(garment_rows(group), path), write_garment_trade(garment_rows(group), path)]
     console.print(f"{len(evaluations)} evaluations:", *(str(path) for path in written if path), soft_wrap=True)
-
-
-def trainings(config: DictConfig, console: Console, folder: Path) -> tuple[list[Table], list[Path]]:
-    """Tables, and maps of energies, of the main setting."""
-    runs = find_runs(config.runs)
-    found = settings_of(runs, config.ablations)[0]
-    console.rule(describe_setting(found[0].setting))
-    laws, maps = tables(found), []
-    for table in laws:
-        console.print(table.terminal(), "")
-    for command in missing(found, config.ablations, config.seeds):
-        console.print(f"missing: {command}", soft_wrap=True)
-    (folder / "tables.md").write_text(document(runs, config.ablations, config.seeds))
-    of_main = [run for run in runs if all(run.setting[k] == found[0].setting[k] for k in ("data", "material"))]
-    figures = [draw_training_trade(of_main, folder / "trade_training.png")]
-    energies = learned_energies(found)
-    if energies:
-        fabrics = learned_fabrics(found, config.map_fabrics)
-        maps.append(draw_energy_map(energies, fabrics, folder / "energy_map.png"))
-    for run in (run for run in runs if (run.folder / "metrics.csv").is_file()):
-        draw_curves(run.folder / "metrics.csv", run.folder / "figures" / "curves.png")
-    best = min(of_main, key=lambda run: run.metrics.get("force_residual_N/overall", float("inf")))
-    console.print(summary(best.folder / FILE), soft_wrap=True, highlight=False)
-    console.print(
-        f"{len(runs)} runs:", *(str(path) for path in [folder / "tables.md", *figures, *maps]), soft_wrap=True
-    )
-    return laws, maps
 
 
 if __name__ == "__main__":

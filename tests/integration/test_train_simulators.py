@@ -53,6 +53,7 @@ def test_a_row_learns_and_says_what_it_did(run):
     with open(folder / "metrics.csv") as file:
         columns = next(csv.reader(file))
     assert {"val/error_mm", "val/inside_percent", "val/ms_per_frame"} <= set(columns)
+    assert (folder / "figures" / "rollouts.png").stat().st_size > 5_000
 
 
 def test_a_row_animates(run, tubes, tmp_path):

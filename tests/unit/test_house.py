@@ -54,6 +54,9 @@ BANNED_WORDS = {
 }
 """Words of other fields, and what they are called here (STYLE 5.4)."""
 
+OF_OTHER_LANGUAGES = r"</?head>|\bgrid-template-columns:"
+"""What HTML and CSS call things, in the pages that are written in them."""
+
 BANNED_FILES = {"utils", "helpers", "helper", "common", "misc", "base", "tools"}
 
 
@@ -124,7 +127,9 @@ def test_everything_public_has_a_docstring():
 @pytest.mark.parametrize("word", BANNED_WORDS)
 def test_words_of_other_fields_are_not_used(word):
     """Whole words, and parts of names between underscores."""
-    found = matches([*SOURCES, *CONFIGS], rf"(?i)(?<![a-z:]){word}(?![a-z])")
+    pattern = rf"(?i)(?<![a-z:]){word}(?![a-z])"
+    found = matches([*SOURCES, *CONFIGS], pattern)
+    found = [line for line in found if re.search(pattern, re.sub(OF_OTHER_LANGUAGES, "", line.split(": ", 1)[1]))]
     found = [line for line in found if not re.search(r"^conf/[^:]*:\d+: template: ", line)]  # of Hydra's help
     assert found == [], f"say: {BANNED_WORDS[word]}"
 

@@ -27,7 +27,7 @@ WIDTH, HEIGHT = 150, 210
 
 def draw_garment_sheet(file: GarmentFile, path: Path, names: Sequence[str] | None = None) -> Path:
     """Draw sequences (default: the first of each kind, fabrics in turn), one a row, at even times; returns ``path``."""
-    rows = [file.sequence(name) for name in names or _one_of_each_kind(file)][:ROWS]
+    rows = [file.sequence(name) for name in names or one_of_each_kind(file)][:ROWS]
     figure, axes = plt.subplots(
         len(rows), FRAMES, figsize=(FRAMES * WIDTH / 100 + 0.3, len(rows) * (HEIGHT / 100 + 0.03)), squeeze=False
     )
@@ -49,7 +49,7 @@ def draw_garment_sheet(file: GarmentFile, path: Path, names: Sequence[str] | Non
     return path
 
 
-def _one_of_each_kind(file: GarmentFile) -> list[str]:
+def one_of_each_kind(file: GarmentFile) -> list[str]:
     """The first sequence of each kind whose fabric the rows before show least often."""
     rows: dict[str, GarmentSequence] = {}
     for kind in dict.fromkeys(file.sequence(name).kind for name in file.names):

@@ -29,11 +29,11 @@ def link(path: Path, page: Path) -> str:
 def table(content: Table, *, best: bool = False) -> str:
     """A table with its title, note and footnotes; with ``best`` the lowest of ours in each column is marked."""
     lowest = _lowest(content) if best else {}
-    head = "".join(f'<th scope="col">{escape(column)}</th>' for column in content.columns)
+    titles = "".join(f'<th scope="col">{escape(column)}</th>' for column in content.columns)
     body = "\n".join(_row(row, lowest) for row in content.rows)
     parts = [f"<h3>{escape(content.title)}</h3>"]
     parts += [f'<p class="note">{escape(content.note)}</p>'] if content.note else []
-    parts += [f'<div class="table"><table><thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>']
+    parts += [f'<div class="table"><table><thead><tr>{titles}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>']
     return "\n".join(parts) + "\n" + details("How the rows were trained", items(content.footnotes))
 
 

@@ -1,0 +1,193 @@
+"""Cloth that goes with the body: against what is known of a body in uniform motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from drape.energy.step import ObstacleStep, Step
+from drape.errors import DrapeError
+from drape.nets.mesh_graph_net import MeshGraphNet
+from drape.nets.message_schedule import flat_schedule
+from drape.scene.grid import square_grid
+from drape.simulators.neural.advance import advance
+from drape.simulators.neural.following import Following
+from drape.simulators.neural.graph_acceleration import GraphAcceleration
+from tests.terms import make_step, moved
+
+VELOCITY = torch.tensor([0.3, -0.6, 0.15], dtype=torch.float64)
+"""Of the floor [m/s]."""
+
+
+class Constant(nn.Module):
+    """A network that always predicts the same accelerations, 0 at pinned vertices."""
+
+    def __init__(self, value: float):
+        super().__init__()
+        self.value = value
+
+    def forward(self, step: Step) -> Tensor:
+        return torch.full_like(step.x, self.value) * step.free[:, None]
+
+
+def over_floor(heights: list[float]) -> Step:
+    """A cloth of four vertices at ``heights`` above a floor in uniform motion; all are free."""
+    step, _ = make_step(square_grid(0.2, 2))
+    floor = square_grid(2.0, 2)
+    x = step.mesh.rest_positions.clone()
+    x[:, 2] = torch.tensor(heights, dtype=torch.float64)
+    # off the middle: no vertex lies above an edge of the floor
+    below = torch.from_numpy(floor.rest_positions.astype(float)) - torch.tensor([0.31, 0.2, 0.0])
+    faces = torch.from_numpy(floor.faces.copy())
+    body = ObstacleStep(faces, below, below + step.dt * VELOCITY, torch.zeros(len(faces), dtype=torch.long))
+    return replace(step, x=x, free=torch.ones_like(step.free), obstacle=body)
+
+
+def network(step: Step) -> Following:
+    torch.manual_seed(3)
+    inner = GraphAcceleration(
+        partial(MeshGraphNet, width=16, schedule=flat_schedule(2)),
+        attributes=step.attributes.shape[1],
+        coarse_levels=0,
+        search_range=0.1,
+        speed=2.0,
+        acceleration=7.0,
+        edge_length=0.1,
+        mass=0.2,
+    )
+    nn.init.normal_(inner.net.decoder[-1].weight)
+    return Following(inner, share=0.8, distance=0.02, search_range=0.1)
+
+
+def test_on_the_body_cloth_goes_with_it():
+    """Share 1 at distance 0: after the step the cloth has the velocity of the body, and stays where it is on it."""
+    step = over_floor([0.0, 0.0, 0.0, 0.0])
+    following = Following(Constant(0.0), share=1.0, distance=0.02, search_range=0.1)
+    torch.testing.assert_close(following(step), (VELOCITY - step.v) / step.dt)
+    torch.testing.assert_close(advance(following, step), step.x + step.dt * VELOCITY)
+
+
+def test_the_share_decays_with_distance():
+    """0.8 exp(-d / 20 mm) of the relative velocity is gone after a step, on top of what the network says."""
+    heights = [0.0, 0.01, 0.02, 0.06]
+    step = over_floor(heights)
+    gone = 0.8 * torch.tensor([math.exp(-height / 0.02) for height in heights], dtype=torch.float64)
+    expected = 2.5 + gone[:, None] * (VELOCITY - step.v) / step.dt
+    torch.testing.assert_close(Following(Constant(2.5), 0.8, 0.02, 0.1)(step), expected)
+
+
+def test_inside_the_body_the_share_does_not_grow():
+    step = over_floor([-0.03, -0.001, 0.0, 0.0])
+    found = Following(Constant(0.0), 0.8, 0.02, 0.1)(step)
+    torch.testing.assert_close(found, 0.8 * (VELOCITY - step.v) / step.dt)
+
+
+def test_beyond_the_search_range_nothing_is_felt():
+    """Of heights on both sides of the range, those beyond have exactly what the network says."""
+    step = over_floor([0.039, 0.041, 0.02, 0.3])
+    found = Following(Constant(1.0), 1.0, 10.0, search_range=0.04)(step)
+    assert torch.equal((found == 1.0).all(1), torch.tensor([False, True, False, True]))
+
+
+def test_cloth_that_moves_with_the_body_is_left_alone():
+    step = over_floor([0.0, 0.01, 0.02, 0.06])
+    step = replace(step, v=VELOCITY.expand_as(step.v))
+    torch.testing.assert_close(Following(Constant(1.5), 0.8, 0.02, 0.1)(step), torch.full_like(step.x, 1.5))
+
+
+def test_pinned_vertices_are_not_accelerated():
+    step = over_floor([0.0, 0.0, 0.0, 0.0])
+    step = replace(step, free=torch.tensor([True, False, True, False]))
+    found = Following(Constant(1.0), 1.0, 0.02, 0.1)(step)
+    assert torch.equal((found == 0.0).all(1), ~step.free)
+
+
+def test_yaw_turns_the_prediction_and_translation_leaves_it():
+    step, _ = make_step(square_grid(1.0, 8))
+    step = replace(step, gravity=torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64))
+    following = network(step)
+    expected = following(step)
+    assert (expected - following.network(step)).norm(dim=1).max() > 1.0, "the body must have a part in it"
+    c, s = math.cos(2.0), math.sin(2.0)
+    turn = torch.tensor([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], dtype=torch.float64)
+    found = following(moved(step, turn, torch.tensor([3.0, -5.0, 0.7])))
+    assert (found - expected @ turn.T).abs().max() < 1e-5 * expected.abs().max()
+
+
+def test_batch_equals_singles():
+    """Each cloth of a batch follows its own body: here one floor moves, and the other one rests."""
+    batch, _ = make_step(square_grid(0.2, 2), square_grid(0.2, 2))
+    single = over_floor([0.0, 0.01, 0.02, 0.03])
+    body = single.obstacle
+    still = replace(single, obstacle=replace(body, x_next=body.x))
+    both = ObstacleStep(
+        torch.cat([body.faces, body.faces + len(body.x)]),
+        body.x.repeat(2, 1),
+        torch.cat([body.x_next, body.x]),
+        torch.arange(2).repeat_interleave(len(body.faces)),
+    )
+    batch = replace(batch, x=single.x.repeat(2, 1), free=single.free.repeat(2), obstacle=both)
+    following = Following(Constant(0.0), 0.8, 0.02, 0.1)
+    expected = torch.cat([following(single), following(still)])
+    torch.testing.assert_close(following(batch), expected)
+    assert (expected[:4] - expected[4:]).abs().max() > 1.0
+
+
+def test_share_zero_and_no_obstacle_are_the_network_alone():
+    """Bit for bit, and without a search."""
+    step = over_floor([0.0, 0.01, 0.02, 0.03])
+    alone = replace(step, obstacle=None)
+    assert torch.equal(Following(Constant(1.0), 0.0, 0.02, 0.1)(step), Constant(1.0)(step))
+    assert step._nearest_faces == {}
+    assert torch.equal(Following(Constant(1.0), 1.0, 0.02, 0.1)(alone), Constant(1.0)(alone))
+
+
+def test_only_the_network_learns():
+    """What is added is a constant of the step: gradients are those of the network, and it has the only parameters."""
+    step, _ = make_step(square_grid(1.0, 8))
+    following = network(step)
+    weights = torch.randn_like(step.x)
+    names = [name for name, _ in following.named_parameters()]
+    assert all(name.startswith("network.") for name in names)
+    parameters = list(following.parameters())
+    alone = replace(step, obstacle=step.obstacle)
+    found = torch.autograd.grad((weights * following(step)).sum(), parameters)
+    expected = torch.autograd.grad((weights * following.network(alone)).sum(), parameters)
+    for one, other in zip(found, expected, strict=True):
+        torch.testing.assert_close(one, other)
+
+
+def test_single_precision_stays_single():
+    step = over_floor([0.0, 0.01, 0.02, 0.03])
+    body = step.obstacle
+    single = replace(
+        step,
+        x=step.x.float(),
+        v=step.v.float(),
+        obstacle=replace(body, x=body.x.float(), x_next=body.x_next.float()),
+    )
+    following = Following(Constant(0.0), 0.8, 0.02, 0.1)
+    found = following(single)
+    assert found.dtype == torch.float32
+    torch.testing.assert_close(found.double(), following(step), rtol=1e-4, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        (-0.1, 0.02, 0.1),
+        (1.1, 0.02, 0.1),
+        (0.5, 0.0, 0.1),
+        (0.5, math.inf, 0.1),
+        (0.5, 0.02, 0.0),
+        (math.nan, 1.0, 1.0),
+    ],
+)
+def test_numbers_out_of_range_are_refused(numbers):
+    with pytest.raises(DrapeError, match="following: share .* expected a share from 0 to 1, and positive lengths"):
+        Following(Constant(0.0), *numbers)
