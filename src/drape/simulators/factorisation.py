@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import weakref
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -21,7 +22,7 @@ SHIFTS = (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 1.0)
 """Shares of the diagonal that are added to it, one after the other, until the matrix is positive definite."""
 OPTIONS = {1: 1, 2: 2, 8: 0, 10: 13, 18: 0, 19: 0}
 """Of PARDISO, by its numbers: not the defaults; METIS orders; no refinement of solutions, which takes twice as long as
-they do; pivots below 1e-13 count as perturbed; no counts of entries and operations."""
+they do; pivots below 1e-13 count as perturbed; no counts of entries and operations. Number 28 is the precision."""
 Solve = Callable[[Float[np.ndarray, " rows"]], Float[np.ndarray, " rows"]]
 
 
@@ -33,11 +34,15 @@ class Factorisation:
 
     Pieces that are a sum of squares add up to something indefinite where they span more orders of magnitude than the
     floating-point numbers, as at needles. Rounding is relative to the diagonal, so a share of that mends it.
+
+    Args:
+        single: factors in single precision where the library can and they are good enough: half the time. For solvers
+            that work in single precision themselves: a step ends where its factors are exact to seven digits.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, single: bool = False) -> None:
         self.library = "SuperLU" if PyPardisoSolver is None else "PARDISO"
-        self._kept = _SuperLU() if PyPardisoSolver is None else _Pardiso()
+        self._kept = _SuperLU() if PyPardisoSolver is None else _Pardiso(single=single)
         self.close = weakref.finalize(self, self._kept.close)  # at the latest when nobody needs the factors any more
 
     def factorise(self, upper: sparse.csr_array) -> None:
@@ -77,23 +82,42 @@ class _SuperLU:
         """There is no memory that Python does not manage."""
 
 
+class _Entries(NamedTuple):
+    """What PARDISO is told of a matrix."""
+
+    shape: tuple[int, int]
+    indptr: np.ndarray
+    indices: np.ndarray
+    data: np.ndarray
+
+
 class _Pardiso:
+    ENOUGH = 1e-3
+    """Largest ``|A z - b| / |b|`` of a random b with which factors in single precision are taken."""
     ANALYSE, FACTORISE, SOLVE = 11, 22, 33
     """Phases of PARDISO: order the unknowns by the places of the entries, factorise, solve."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, single: bool) -> None:
+        self._kinds = (np.float32, np.float64) if single else (np.float64,)
         self._solver = PyPardisoSolver(mtype=2)  # real, symmetric, positive definite
         os.environ.setdefault("PYPARDISO_MKL_RT", self._solver.libmkl._name)  # or all others search the disk for it
-        self._upper: sparse.csr_array | None = None
+        self._entries: _Entries | None = None
 
     def factorise(self, upper: sparse.csr_array) -> bool:
         """False where the matrix is not positive definite."""
         upper.sort_indices()
-        before, self._upper = self._upper, upper
+        return any(self._factorise(upper, kind) and self._is_enough(upper, kind) for kind in self._kinds)
+
+    def _factorise(self, upper: sparse.csr_array, kind: type) -> bool:
+        with np.errstate(over="ignore"):
+            entries = _Entries(upper.shape, upper.indptr, upper.indices, upper.data.astype(kind))
+        if not np.isfinite(entries.data).all():
+            return False
+        before, self._entries = self._entries, entries
         try:
-            if before is None or not _alike(before, upper):
+            if before is None or not _alike(before, entries):
                 self._solver.free_memory(everything=True)
-                for number, value in OPTIONS.items():
+                for number, value in {**OPTIONS, 28: int(kind is np.float32)}.items():
                     self._solver.set_iparm(number, value)
                 self._call(self.ANALYSE, np.zeros(upper.shape[0]))
             self._call(self.FACTORISE, np.zeros(upper.shape[0]))
@@ -102,20 +126,32 @@ class _Pardiso:
             return False
         return True
 
+    def _is_enough(self, upper: sparse.csr_array, kind: type) -> bool:
+        if kind is np.float64:
+            return True
+        right = np.random.default_rng(0).standard_normal(upper.shape[0])
+        found = self.solve(right)
+        missed = np.linalg.norm(upper @ found + found @ upper - upper.diagonal() * found - right)
+        return bool(missed <= self.ENOUGH * np.linalg.norm(right))
+
     def _call(self, phase: int, right: np.ndarray) -> np.ndarray:
-        """What is public of the solver compares all entries in each solve."""
+        """What is public of the solver compares all entries in each solve, and knows double precision only."""
         self._solver.set_phase(phase)
-        return self._solver._call_pardiso(self._upper, right)
+        return self._solver._call_pardiso(self._entries, right.astype(self._entries.data.dtype))
 
     def solve(self, right: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-        return self._call(self.SOLVE, right)
+        return self._call(self.SOLVE, right).astype(np.float64)
 
     def close(self) -> None:
         """Free the factors."""
         self._solver.free_memory(everything=True)
-        self._upper = None
+        self._entries = None
 
 
-def _alike(one: sparse.csr_array, other: sparse.csr_array) -> bool:
-    """The same places: the unknowns need no new order."""
-    return np.array_equal(one.indptr, other.indptr) and np.array_equal(one.indices, other.indices)
+def _alike(one: _Entries, other: _Entries) -> bool:
+    """The same places, in the same precision: the unknowns need no new order."""
+    return (
+        one.data.dtype == other.data.dtype
+        and np.array_equal(one.indptr, other.indptr)
+        and np.array_equal(one.indices, other.indices)
+    )

@@ -76,7 +76,7 @@ class ImplicitSolver:
         self.tolerance = tolerance
         self.iterations = iterations
         self.substeps = substeps
-        self._minimiser = Minimiser(self.potential, self.steps.free)
+        self._minimiser = Minimiser(self.potential, self.steps.free, single=precision == "float32")
         self._is_left_alone = scene.obstacle is None and (scene.pins is None or scene.pins.is_static)
 
     def step(self, state: State, frame: int) -> StepResult:

@@ -38,13 +38,18 @@ class Minimiser:
     The factorisation is kept over iterations and frames, and renewed where iterations bring too little, as when
     contacts come and go. The Hessian is the rough one, sparser and cheaper to factorise, until a step takes more than
     ``PATIENCE`` evaluations. The energy never rises, up to its own rounding.
+
+    Args:
+        potential: what is minimised.
+        free: vertices that may move.
+        single: factors in single precision, where positions are, too.
     """
 
-    def __init__(self, potential: IncrementalPotential, free: Bool[Tensor, " vertices"]):
+    def __init__(self, potential: IncrementalPotential, free: Bool[Tensor, " vertices"], *, single: bool = False):
         self.potential = potential
         self.free = free
         self._slots = np.flatnonzero(np.repeat(free.cpu().numpy(), 3))
-        self._factors = Factorisation()
+        self._factors = Factorisation(single=single)
         self._dt = 0.0
         self._rough = True
         self.factorisations = 0
