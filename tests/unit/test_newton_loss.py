@@ -77,7 +77,7 @@ def judged(loss: Newton, x: Tensor, step: Step, terms: Sequence[EnergyTerm]) -> 
     x = x.detach().clone().requires_grad_()
     values = loss(Prediction(x, step, x.detach(), terms, 1.0))
     (gradient,) = torch.autograd.grad(loss.total(values), x)
-    return values, gradient
+    return {name: value.detach() for name, value in values.items()}, gradient
 
 
 def landing(loss: Newton, x: Tensor, step: Step, terms: Sequence[EnergyTerm]) -> Tensor:

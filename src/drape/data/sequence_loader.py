@@ -21,11 +21,11 @@ class Watched:
 
 
 class SequenceLoader:
-    """An iterable over sequences; of several processes each takes every so many-th."""
+    """An iterable over sequences; of several processes each takes every so many-th, and one at least."""
 
     def __init__(self, sequences: Sequence[GarmentSequence], trainer: lightning.Trainer | None = None):
         first, every = (0, 1) if trainer is None else (trainer.global_rank, trainer.world_size)
-        self._sequences = list(sequences)[first::every]
+        self._sequences = list(sequences)[first::every] or list(sequences)[:1]
 
     def __len__(self) -> int:
         return len(self._sequences)
