@@ -30,6 +30,7 @@ def _simulate(source: str, settings: dict) -> None:
     else:
         from drape.blender.garment_generation import generate_garments as generate
         from drape.report.garment_card import garment_card as card
+        from drape.report.garment_clips import render_garment_clips
         from drape.report.garment_sheet import draw_garment_sheet as draw
     began = time.perf_counter()
     file, made = generate(settings["data"], settings["material"], settings["workers"])
@@ -40,12 +41,8 @@ def _simulate(source: str, settings: dict) -> None:
     if made or not sheet.exists():
         draw(file, sheet)
     print(f"contact sheet: {sheet}")
-    if settings["clips"]["render"] and source == "garments":
-        from drape.report.garment_clips import render_garment_clips
-
-        how = {name: settings["clips"][name] for name in ("samples", "size", "every")}
-        moving, films = render_garment_clips(file, file.path.with_name(f"{file.path.stem}_clips"), **how)
-        print("clips:", moving, *films, sep="\n  ")
+    if settings["clips"].pop("render") and source == "garments":
+        print("clips:", *render_garment_clips(file, **settings["clips"]), sep="\n  ")
 
 
 def _convert(source: str, data: dict) -> None:

@@ -21,21 +21,20 @@ QUALITY = 70
 """Of the moving picture, of 100."""
 
 
-def render_garment_clips(
-    file: GarmentFile, folder: Path, samples: int, size: Sequence[int], every: int
-) -> tuple[Path, list[Path]]:
+def render_garment_clips(file: GarmentFile, samples: int, size: Sequence[int], every: int) -> list[Path]:
     """One sequence of each kind as ``<kind>/film.mp4``, and ``garments.webp`` with all of them; what is there is kept.
 
-    Cycles on the CPU with ``samples`` light paths per pixel, ``size`` in pixels, each ``every``-th frame.
+    They lie beside the data, in ``<name>_clips``. Cycles on the CPU with ``samples`` light paths per pixel, ``size`` in
+    pixels, each ``every``-th frame.
 
     Raises:
         DrapeError: a setting that cannot be, no Blender, a full disk; frames that are done stay.
     """
-    films = []
+    films, folder = [], file.path.with_name(f"{file.path.stem}_clips")
     for name in one_of_each_kind(file):
         place = folder / file.sequence(name).kind
         films.append(render(_animation(file, name, place), place, samples, size, every))
-    return _together([film.parent / "frames" for film in films], every * file.dt, folder / "garments.webp"), films
+    return [_together([film.parent / "frames" for film in films], every * file.dt, folder / "garments.webp"), *films]
 
 
 def _animation(file: GarmentFile, name: str, folder: Path) -> Path:
