@@ -26,7 +26,7 @@ from drape.scene.mesh_batch import MeshBatch
 
 
 class ElasticKernel:
-    """``Φp = Σ_edges S² φp(q/S)`` and its gradient, as :class:`ElasticEnergy` has them; in float64 throughout."""
+    """``Φp = Σ_edges w S² φp(q/S)`` and its gradient, as :class:`ElasticEnergy` has them; in float64 throughout."""
 
     def __init__(self, law: BakedLaw, mesh: MeshBatch, *, transfer: bool):
         self.law, self.mesh = law, mesh
@@ -35,6 +35,7 @@ class ElasticKernel:
         scale = EdgeScale(mesh, law.face_area)
         self._same = scale.same or not transfer
         self._sizes = _blocks(scale.rest.double()[None], fill=1.0)[:, 0].copy()
+        self._shares = _blocks(scale.share.double()[None], fill=1.0)
         self._smallest = float(mesh.length_scale) * TINY
 
     @staticmethod
@@ -49,6 +50,9 @@ class ElasticKernel:
         x, faces, edges = _array(x_next), self._faces, self._edges
         q, normals, inverse_sizes = deformations(x, faces, edges, self._rest, self._smallest)
         energy, slopes = potentials(q, self._sizes, self._same, _table(self.law))
+        if not self._same:
+            energy *= self._shares[:, 0]
+            slopes *= self._shares
         gradient = forces(x, faces, edges, normals, inverse_sizes, slopes, self._smallest)
         per_edge = torch.from_numpy(energy).flatten()[: len(edges)]
         return step.sum_stencils(per_edge, self.mesh.edges[:, 0]), torch.from_numpy(gradient).to(x_next.dtype)

@@ -28,12 +28,17 @@ class EdgeScale:
 
     which keeps the angles of q/S below ``WIDEST`` and lets the energy grow beyond like a square; where φp is a
     quadratic form S cancels, whatever it is. A mesh like the one learned on has ``S = 1`` exactly.
+
+    An edge of the boundary stands for half a strip of cloth, and in the mesh learned on has the stiffness of a whole one:
+    a hem. Of its energy :attr:`share` counts, (1 + 1/s)/2: the half strip as it is, and a hem whose stiffness stays what
+    it was; or else a cloth would lose its hem as it is refined.
     """
 
     def __init__(self, mesh: MeshBatch, face_area: float):
         faces = 2.0 - mesh.boundary.to(mesh.rest_lengths.dtype)
         self.rest = (mesh.rest.area / faces / face_area).sqrt()
         self.same = bool(((self.rest - 1.0).abs() < SAME).all())
+        self.share = torch.where(mesh.boundary, 0.5 + 0.5 / self.rest, 1.0)
 
     def at(
         self, q: Float[Tensor, "3 edges"], edges: Int[Tensor, " edges"] | slice = ALL

@@ -25,9 +25,9 @@ edge; four times as stiff, fewer steps of a solver go too far (10 % fewer evalua
 
 
 class ElasticEnergy(EnergyTerm):
-    """``Φp = Σ_edges S² φp(q/S)``, q = (Δl, α, β), [J] (paper, eq. 1 and 2).
+    """``Φp = Σ_edges w S² φp(q/S)``, q = (Δl, α, β), [J] (paper, eq. 1 and 2).
 
-    ``transfer=False``: S = 1, the paper's form, whose units know nothing of their size. ``transfer=True``: S of
+    ``transfer=False``: w = S = 1, the paper's form, whose units know nothing of their size. ``transfer=True``: w and S of
     :class:`EdgeScale`, with which equal strain and curvature cost equal energy per area at any resolution.
 
     Where a normal nearly lies along the edge α has no value, and fades out of the energy: see :func:`twist_share`.
@@ -50,10 +50,15 @@ class ElasticEnergy(EnergyTerm):
             self._scale = mesh, EdgeScale(mesh, self.law.face_area)
         return self._scale[1].at(q, edges)
 
+    def _shared(self, edges: Tensor | slice, dtype: torch.dtype) -> Tensor | float:
+        """How much of the energy of ``edges`` counts, once they have been scaled."""
+        return 1.0 if not self.transfer or self._scale[1].same else self._scale[1].share[edges].to(dtype)
+
     def _stored(self, q: Float[Tensor, "3 edges"], step: Step, edges: Tensor | slice = ALL) -> Tensor:
         """``S² φp(q/S)`` of ``edges``, differentiable."""
         scale, _ = self._scaled(q, step.mesh, edges)
-        return scale**2 * self.law.potential((q / scale).T, step.attributes[step.mesh.mesh_of_edge[edges]])
+        energy = scale**2 * self.law.potential((q / scale).T, step.attributes[step.mesh.mesh_of_edge[edges]])
+        return self._shared(edges, energy.dtype) * energy
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         deformation = EdgeDeformation(x_next, step.mesh, bends=self.law.bends)
@@ -132,7 +137,12 @@ class ElasticEnergy(EnergyTerm):
         scale, turns = self._scaled(q, step.mesh, edges)
         attributes = step.attributes[step.mesh.mesh_of_edge[edges]]
         slopes = self.law.potential_slopes((q / scale).T, attributes, hessian=hessian)
-        return Slopes(scale**2 * slopes.energy, _gradient(q, slopes, scale, turns).T, slopes.hessian)
+        found = Slopes(scale**2 * slopes.energy, _gradient(q, slopes, scale, turns).T, slopes.hessian)
+        share = self._shared(edges, q.dtype)
+        if isinstance(share, float):
+            return found
+        hessian = None if found.hessian is None else share[:, None, None] * found.hessian
+        return Slopes(share * found.energy, share[:, None] * found.gradient, hessian)
 
 
 def _untwisted(q: Float[Tensor, "3 edges"]) -> Float[Tensor, "3 edges"]:
