@@ -29,9 +29,9 @@ class EdgeScale:
     which keeps the angles of q/S below ``WIDEST`` and lets the energy grow beyond like a square; where φp is a
     quadratic form S cancels, whatever it is. A mesh like the one learned on has ``S = 1`` exactly.
 
-    An edge of the boundary stands for half a strip of cloth, and in the mesh learned on has the stiffness of a whole one:
-    a hem. Of its energy :attr:`share` counts, (1 + 1/s)/2: the half strip as it is, and a hem whose stiffness stays what
-    it was; or else a cloth would lose its hem as it is refined.
+    An edge of the boundary stands for half a strip of cloth, and in the mesh learned on has the stiffness of a whole
+    one: a hem. Of its energy :attr:`share` counts, (1 + 1/s)/2: the half strip as it is, and a hem whose stiffness
+    stays what it was; or else a cloth would lose its hem as it is refined.
     """
 
     def __init__(self, mesh: MeshBatch, face_area: float):

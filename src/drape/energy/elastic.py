@@ -27,8 +27,8 @@ edge; four times as stiff, fewer steps of a solver go too far (10 % fewer evalua
 class ElasticEnergy(EnergyTerm):
     """``Φp = Σ_edges w S² φp(q/S)``, q = (Δl, α, β), [J] (paper, eq. 1 and 2).
 
-    ``transfer=False``: w = S = 1, the paper's form, whose units know nothing of their size. ``transfer=True``: w and S of
-    :class:`EdgeScale`, with which equal strain and curvature cost equal energy per area at any resolution.
+    ``transfer=False``: w = S = 1, the paper's form, whose units know nothing of their size. ``transfer=True``: w and S
+    of :class:`EdgeScale`, with which equal strain and curvature cost equal energy per area at any resolution.
 
     Where a normal nearly lies along the edge α has no value, and fades out of the energy: see :func:`twist_share`.
     """
