@@ -8,13 +8,14 @@ import os
 import runpy
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
 
 from drape.data import schema
 from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
@@ -80,23 +81,31 @@ class Run(NamedTuple):
     err: str
 
 
+def in_process(name: str, *overrides: str) -> Run:
+    """``python src/<name>.py overrides`` in this process: the same main, without its start of some seconds."""
+    argv, out, err, code = sys.argv, io.StringIO(), io.StringIO(), 0
+    GlobalHydra.instance().clear()
+    sys.argv = [f"src/{name}.py", *overrides]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            runpy.run_path(str(ROOT / "src" / f"{name}.py"), run_name="__main__")
+        except SystemExit as stop:
+            code = stop.code or 0
+        finally:
+            sys.argv = argv
+            GlobalHydra.instance().clear()
+            HydraConfig.instance().cfg = None
+    return Run(code, out.getvalue(), err.getvalue())
+
+
 @pytest.fixture
-def animate(monkeypatch, tmp_path) -> Iterator[Callable[..., Run]]:
-    """``python src/animate.py folder=<tmp_path>/out overrides`` in this process: the same main, without its start."""
+def animate(monkeypatch, tmp_path) -> Callable[..., Run]:
+    """``python src/animate.py folder=<tmp_path>/out overrides`` in this process."""
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
 
     def run(*overrides: str) -> Run:
-        GlobalHydra.instance().clear()
         given = [] if any(word.startswith(("folder=", "-")) for word in overrides) else [f"folder={tmp_path}/out"]
-        monkeypatch.setattr(sys, "argv", ["src/animate.py", *given, *overrides])
-        out, err, code = io.StringIO(), io.StringIO(), 0
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            try:
-                runpy.run_path(str(ROOT / "src" / "animate.py"), run_name="__main__")
-            except SystemExit as stop:
-                code = stop.code or 0
-        return Run(code, out.getvalue(), err.getvalue())
+        return in_process("animate", *given, *overrides)
 
-    yield run
-    GlobalHydra.instance().clear()
+    return run

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -11,6 +13,7 @@ from drape.energy.gravity import Gravity
 from drape.energy.inertia import Inertia
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm
+from drape.errors import DrapeError
 from drape.loss.prediction import Prediction, PredictionLoss
 
 
@@ -28,6 +31,9 @@ class Potential(PredictionLoss):
         search_range: how far away from the body a vertex at t is looked at [m].
         ramp: (share of ``stiffness`` at first, progress at which it begins to grow, progress at which it is 1).
         friction: coefficient μ; None where the energy has no such term.
+
+    Raises:
+        DrapeError: a ramp of other than three shares in order.
     """
 
     def __init__(
@@ -36,12 +42,17 @@ class Potential(PredictionLoss):
         stiffness: float,
         thickness: float,
         search_range: float,
-        ramp: tuple[float, float, float],
+        ramp: Sequence[float],
         friction: float | None,
     ):
         super().__init__(weight)
         self.stiffness, self.thickness, self.search_range = stiffness, thickness, search_range
         self.ramp, self.friction = tuple(ramp), friction
+        if len(self.ramp) != 3 or not 0.0 <= self.ramp[1] <= self.ramp[2] <= 1.0 or not 0.0 < self.ramp[0] <= 1.0:
+            raise DrapeError(
+                f"loss potential: ramp: found {list(ramp)}; expected a share of the stiffness above 0 and two points "
+                "of the training from 0 to 1, such as [0.01, 0.33, 1.0]"
+            )
 
     def forward(self, prediction: Prediction) -> dict[str, Tensor]:
         step = prediction.step
