@@ -36,8 +36,8 @@ class Factorisation:
     floating-point numbers, as at needles. Rounding is relative to the diagonal, so a share of that mends it.
 
     Args:
-        single: factors in single precision where the library can and they are good enough: half the time. For solvers
-            that work in single precision themselves: a step ends where its factors are exact to seven digits.
+        single: factors in single precision where the library can and they are good enough: half the time. What a step
+            of a solver misses by that, the next one finds; but steps that are exact otherwise end seven digits in.
     """
 
     def __init__(self, *, single: bool = False) -> None:

@@ -42,7 +42,7 @@ class Minimiser:
     Args:
         potential: what is minimised.
         free: vertices that may move.
-        single: factors in single precision, where positions are, too.
+        single: factors in single precision, where the library can: they take half the time.
     """
 
     def __init__(self, potential: IncrementalPotential, free: Bool[Tensor, " vertices"], *, single: bool = False):
