@@ -117,3 +117,24 @@ def test_the_checkpoint_of_an_energy_is_no_simulator(tubes):
     done = in_process("evaluate", "simulator=neural", f"simulator.checkpoint={checkpoint}", f"data.path={tubes}")
     assert done.code == 2
     assert "found the checkpoint of an energy; expected one of a simulator" in done.err
+
+
+@pytest.mark.parametrize("row", ["mgn_s_eunet", "layersnet"])
+def test_a_step_is_measured_beside_its_network(row, tubes, tmp_path):
+    """The parts add up to the step, and the network alone is a part of it."""
+    done = in_process(
+        "benchmark",
+        f"model={row}",
+        "scale=smoke",
+        "material=silk",
+        f"data.path={tubes}",
+        "repeats=2",
+        f"folder={tmp_path}",
+    )
+    assert done.code == 0, done.err
+    with open(tmp_path / "training_step.csv") as file:
+        ms = {line["part"]: float(line["ms"]) for line in csv.DictReader(file)}
+    parts = [ms[name] for name in ("data", "search", "forward", "loss", "backward", "optimizer")]
+    assert min(parts) > 0
+    assert sum(parts) == pytest.approx(ms["step"], rel=0.3)
+    assert 0 < ms["networks"] < ms["step"]

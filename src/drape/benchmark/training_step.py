@@ -7,13 +7,14 @@ from omegaconf import DictConfig
 
 from drape import config as conf
 from drape.benchmark.measured import Circumstances, Measured
+from drape.benchmark.simulator_step import SimulatorStep
 from drape.data.statistics import training_statistics
 from drape.errors import DrapeError
 from drape.training.step_cost import StepCost
 
 
 class TrainingStep:
-    """Phases of a training step [ms], medians over ``repeats``; see :class:`StepCost`.
+    """Phases of a training step [ms], medians over ``repeats``; see :class:`StepCost` and :class:`SimulatorStep`.
 
     Raises:
         DrapeError: no repeats.
@@ -26,6 +27,8 @@ class TrainingStep:
 
     def measure(self, config: DictConfig) -> Measured:
         """Of the model, loss and data of ``config``, composed from ``conf/train.yaml``."""
+        if "network" in config.model:
+            return SimulatorStep(self.repeats).measure(config)
         circumstances = Circumstances()
         torch.manual_seed(config.seed)
         data = conf.instantiate(config.datamodule, fabrics=list(config.material))
