@@ -187,7 +187,7 @@ def test_another_configuration_does_not_mix_into_the_folder(run):
         (["sequences=all"], "selection.sequences: found 'all' (str)"),
         (["frames=40"], "frames: found 40; expected 1..4, as 6 are recorded"),
         (["simulator=twin"], "sequences/00003: has no twin"),
-        (["simulator=frozen", "energy=phys"], "energy: found energy=phys; expected nothing, as Frozen is a baseline"),
+        (["simulator=frozen", "energy=phys"], "energy: found energy=phys; expected nothing, as simulator Frozen minimises no energy"),
         (["simulator=frozen", "areal_density=1"], "areal_density: found areal_density=1; expected nothing"),
         (["areal_density=-1"], "areal_density: found -1.0; expected a positive number"),
         (["simulator=twin", "contact.thickness=0.01"], "contact.thickness: found contact.thickness=0.01; expected"),
@@ -218,7 +218,7 @@ def test_the_motion_of_a_body_alone_cannot_be_evaluated(run, tmp_path):
 def test_baselines_do_not_animate_other_scenes(animate):
     done = animate("simulator=frozen", "scene=hanging", "scene.resolution=6", "output.render=none")
     assert done.code == 2
-    assert "simulator: found Frozen, which follows a recorded garment; expected a solver" in done.err
+    assert "simulator: found Frozen, which follows a recorded garment; expected a simulator" in done.err
 
 
 def test_a_recorded_garment_is_a_scene_of_animate(animate, tmp_path, recordings):
