@@ -187,7 +187,7 @@ def test_another_configuration_does_not_mix_into_the_folder(run):
         (["sequences=all"], "selection.sequences: found 'all' (str)"),
         (["frames=40"], "frames: found 40; expected 1..4, as 6 are recorded"),
         (["simulator=twin"], "sequences/00003: has no twin"),
-        (["simulator=frozen", "energy=phys"], "energy: found energy=phys; expected nothing, as simulator Frozen minimises no energy"),
+        (["simulator=frozen", "energy=phys"], "found energy=phys; expected nothing, as simulator Frozen minimises no"),
         (["simulator=frozen", "areal_density=1"], "areal_density: found areal_density=1; expected nothing"),
         (["areal_density=-1"], "areal_density: found -1.0; expected a positive number"),
         (["simulator=twin", "contact.thickness=0.01"], "contact.thickness: found contact.thickness=0.01; expected"),
