@@ -17,6 +17,7 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 
+from drape.config import set_statistics
 from drape.data import schema
 from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
 from drape.scene.grid import square_grid
@@ -95,6 +96,7 @@ def in_process(name: str, *overrides: str) -> Run:
             sys.argv = argv
             GlobalHydra.instance().clear()
             HydraConfig.instance().cfg = None
+            set_statistics(None)
     return Run(code, out.getvalue(), err.getvalue())
 
 

@@ -85,11 +85,11 @@ def test_a_checkpoint_animates_by_itself(run, tubes, tmp_path):
 def test_killed_and_continued_is_as_never_killed(row, tubes, tmp_path):
     """Killed at iteration 5, continued from the checkpoint of iteration 4: the same parameters, bit for bit."""
     straight, broken = tmp_path / "straight", tmp_path / "broken"
-    assert in_process("train", *overrides(tubes, straight, f"model={row}", KILL, "evaluate=false")).code == 0
-    again = overrides(tubes, broken, f"model={row}", KILL, "evaluate=false")
-    assert program("train", *again, KILL="1").returncode == 9
+    commands = [overrides(tubes, folder, f"model={row}", KILL, "evaluate=false") for folder in (straight, broken)]
+    assert program("train", *commands[0]).returncode == 0
+    assert program("train", *commands[1], KILL="1").returncode == 9
     assert torch.load(broken / "checkpoints" / "last.ckpt", weights_only=True)["global_step"] == 4
-    assert in_process("train", *again).code == 0
+    assert program("train", *commands[1]).returncode == 0
     one, other = parameters(straight), parameters(broken)
     assert one.keys() == other.keys()
     assert all(torch.equal(one[name], other[name]) for name in one)

@@ -146,7 +146,7 @@ class SimulatorTraining(lightning.LightningModule):
             for name, value in values.items():
                 if not torch.isfinite(value):
                     raise DrapeError(
-                        f"training stopped at step {self.global_step}: loss term {name} is {float(value)} for "
+                        f"training stopped at step {self.global_step}: loss term {name} is {float(value.detach())} for "
                         f"{', '.join(rollout.names)}; the last checkpoint is from before; lower the learning rate or "
                         "look at the data"
                     )
