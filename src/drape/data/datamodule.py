@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from drape.data.hdf5 import TrajectoryFile
-from drape.data.loader import WindowLoader
+from drape.data.loader import WindowLoader, share_of
 from drape.data.statistics import training_statistics
 from drape.data.windows import Window
 from drape.errors import DrapeError
@@ -125,15 +125,11 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         count = len(sequences) * self.windows_per_sequence
         return WindowLoader(lambda indices: self.windows(sequences, indices), count, batch_size, **order)
 
-    def _share(self) -> dict[str, int]:
-        trainer = self.trainer
-        return {} if trainer is None else {"rank": trainer.global_rank, "world_size": trainer.world_size}
-
     def train_dataloader(self) -> WindowLoader:
-        return self.loader(self.train_sequences, self.batch_size, seed=self.seed, **self._share())
+        return self.loader(self.train_sequences, self.batch_size, seed=self.seed, **share_of(self.trainer))
 
     def val_dataloader(self) -> WindowLoader:
-        return self.loader(self.validation_sequences, self.eval_batch_size, **self._share())
+        return self.loader(self.validation_sequences, self.eval_batch_size, **share_of(self.trainer))
 
     def test_dataloader(self) -> WindowLoader:
-        return self.loader(self.test_sequences, self.eval_batch_size, **self._share())
+        return self.loader(self.test_sequences, self.eval_batch_size, **share_of(self.trainer))

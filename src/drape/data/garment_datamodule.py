@@ -12,7 +12,7 @@ import numpy as np
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_rollout import GarmentRollout, SingleRollout
 from drape.data.garment_scene import START
-from drape.data.loader import WindowLoader
+from drape.data.loader import WindowLoader, share_of
 from drape.data.sequence_loader import SequenceLoader
 from drape.errors import DrapeError
 from drape.scene.mass import vertex_areas
@@ -126,7 +126,7 @@ class GarmentDataModule(lightning.LightningDataModule):
     def rollout(self, indices: np.ndarray) -> GarmentRollout:
         """The rollouts of the given numbers, counted through the training sequences, as one batch."""
         parts = [self._single(int(index), self.length) for index in indices]
-        mesh = self._batch(tuple(part.name.partition(" ")[0] for part in parts))
+        mesh = self._batch(tuple(part.sequence for part in parts))
         return GarmentRollout.joined(parts, mesh, self.file.gravity, self.file.dt)
 
     def _single(self, index: int, length: int) -> SingleRollout:
@@ -136,16 +136,14 @@ class GarmentDataModule(lightning.LightningDataModule):
         x = window.positions if self.start == "recorded" else sequence.carried(first, length + 2)
         free = np.ones(x.shape[1], dtype=bool)
         free[sequence.pinned] = False
-        name = f"{sequence.name} frame {first + START}"
-        return SingleRollout(x, window.body_positions, sequence.body_faces, free, sequence.fabric, name)
+        body, faces = window.body_positions, sequence.body_faces
+        return SingleRollout(x, body, faces, free, sequence.fabric, sequence.name, first + START)
 
     def _joined_meshes(self, names: tuple[str, ...]) -> MeshBatch:
         return MeshBatch.from_meshes([self._sequence(name).mesh for name in names])
 
     def train_dataloader(self) -> WindowLoader:
-        share = (
-            {} if self.trainer is None else {"rank": self.trainer.global_rank, "world_size": self.trainer.world_size}
-        )
+        share = share_of(self.trainer)
         return WindowLoader(self.rollout, int(self._first[-1]), self.batch_size, seed=self.seed, **share)
 
     def val_dataloader(self) -> SequenceLoader:

@@ -67,7 +67,7 @@ class GarmentRollout:
             gravity=torch.tensor(gravity),
             dt=float(dt),
             fabrics=tuple(part.fabric for part in parts),
-            names=tuple(part.name for part in parts),
+            names=tuple(f"{part.sequence} frame {part.frame}" for part in parts),
         )
 
 
@@ -80,7 +80,10 @@ class SingleRollout:
     body_faces: Int[np.ndarray, "body_faces 3"]
     free: Bool[np.ndarray, " vertices"]
     fabric: str
-    name: str
+    sequence: str
+    """Its name."""
+    frame: int
+    """The frame t of the sequence."""
 
 
 def _tensor(arrays: list[np.ndarray], axis: int = 0) -> Tensor:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+import lightning
 import numpy as np
 
 from drape.data.windows import Window
@@ -65,3 +66,8 @@ class WindowLoader:
     def load_state_dict(self, state: dict[str, int]) -> None:
         """Go on from where :meth:`state_dict` was taken."""
         self._epoch, self._next, self._in_place = state["epoch"], state["next"], True
+
+
+def share_of(trainer: lightning.Trainer | None) -> dict[str, int]:
+    """Which of the processes of ``trainer`` this is, as :class:`WindowLoader` takes it; alone without one."""
+    return {} if trainer is None else {"rank": trainer.global_rank, "world_size": trainer.world_size}

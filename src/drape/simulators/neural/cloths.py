@@ -12,7 +12,7 @@ from torch import Tensor
 from drape.data.garment_rollout import GarmentRollout
 from drape.energy.fabric import Fabric
 from drape.energy.term import EnergyTerm
-from drape.scene.material import ATTRIBUTES, Material, attribute_vector
+from drape.scene.material import Material, attribute_vector
 
 
 class Cloth(NamedTuple):
@@ -38,9 +38,6 @@ class Known(NamedTuple):
 class Cloths(Protocol):
     """Where the cloth of a training step comes from."""
 
-    size: int
-    """How many numbers ``attributes`` has."""
-
     def draw(self, rollout: GarmentRollout, materials: Mapping[str, Material], generator: torch.Generator) -> Cloth:
         """The cloth of the garments of ``rollout``; ``materials`` are the fabrics of the data, by name."""
         ...
@@ -52,8 +49,6 @@ class Cloths(Protocol):
 
 class RecordedCloths:
     """Each garment of the fabric that it was recorded with: for supervised training. No energies."""
-
-    size = len(ATTRIBUTES)
 
     def __init__(self, attribute_scales: Mapping[str, float]):
         self.attribute_scales = dict(attribute_scales)
@@ -74,8 +69,6 @@ class LearnedCloths:
         attribute_scales: divisors of the vector **a** of a fabric.
         energy: makes the energies of a ``material``; called once for each fabric.
     """
-
-    size = len(ATTRIBUTES)
 
     def __init__(self, attribute_scales: Mapping[str, float], energy: Callable[..., Fabric]):
         self.attribute_scales = dict(attribute_scales)

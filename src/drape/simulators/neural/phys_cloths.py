@@ -24,8 +24,6 @@ class PhysCloths:
         DrapeError: estimates that are no material; later, a fabric without an estimate.
     """
 
-    size = len(PhysMaterial._fields)
-
     def __init__(self, estimates: Mapping[str, Mapping[str, float]] | None):
         self._estimates = None
         if estimates is not None:
