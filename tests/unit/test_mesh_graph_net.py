@@ -13,8 +13,15 @@ from drape.nets.message_schedule import flat_schedule, hood_schedule
 SIZES = {"mesh": 5, "body": 4}
 
 
-def make_net(schedule: list[list[str]], sizes: dict[str, int] = SIZES, width: int = 8) -> MeshGraphNet:
-    return MeshGraphNet(3, sizes, 2, width=width, schedule=schedule).double()
+class OfNodes(MeshGraphNet):
+    """Only what is predicted for nodes."""
+
+    def forward(self, nodes: Tensor, edges: dict[str, EdgeSet]) -> Tensor:
+        return super().forward(nodes, edges)[0]
+
+
+def make_net(schedule: list[list[str]], sizes: dict[str, int] = SIZES, width: int = 8) -> OfNodes:
+    return OfNodes(3, sizes, 2, width=width, schedule=schedule).double()
 
 
 def random_edges(nodes: int, edges: int, size: int, level: bool = False) -> EdgeSet:
@@ -69,6 +76,19 @@ def test_edges_remember_their_messages():
     torch.testing.assert_close(latent["mesh"].features, expected)
     h, _ = second(h, latent, {})
     torch.testing.assert_close(net(nodes, edges), net.decoder(h))
+
+
+def test_edges_answer_with_what_they_remember():
+    """One number for each edge of the sets asked, in their order, from its features after the last step."""
+    net = MeshGraphNet(3, SIZES, 2, width=8, schedule=flat_schedule(1), answers=["body"]).double()
+    nodes, edges = make_graph()
+    predicted, answers = net(nodes, edges)
+    latent = {n: EdgeSet(e.senders, e.receivers, net.edge_encoders[n](e.features), e.level) for n, e in edges.items()}
+    _, after = net.steps[0](net.node_encoder(nodes), latent, {})
+    torch.testing.assert_close(predicted, by_hand(net, nodes, edges))
+    assert list(answers) == ["body"]
+    torch.testing.assert_close(answers["body"], net.edge_decoders["body"](after["body"].features)[:, 0])
+    assert net(nodes, {"mesh": edges["mesh"]})[1] == {}
 
 
 def test_published_size():

@@ -114,7 +114,13 @@ class _Inputs:
 def _alone(calls: list[tuple[nn.Module, tuple]]) -> float:
     """Seconds that the layers take by themselves, forward and backward."""
     began = time.perf_counter()
-    outputs = [layer(*inputs) for layer, inputs in calls]
-    found = [part for output in outputs for part in (output if isinstance(output, tuple) else (output,))]
-    sum(part.sum() for part in found if isinstance(part, torch.Tensor)).backward()
+    sum(_total(layer(*inputs)) for layer, inputs in calls).backward()
     return time.perf_counter() - began
+
+
+def _total(output: object) -> torch.Tensor | float:
+    """The sum of all tensors with a graph in an output."""
+    if isinstance(output, torch.Tensor):
+        return output.sum() if output.requires_grad else 0.0
+    parts = output.values() if isinstance(output, dict) else output if isinstance(output, tuple) else ()
+    return sum(_total(part) for part in parts)

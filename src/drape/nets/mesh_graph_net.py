@@ -38,6 +38,7 @@ class MeshGraphNet(nn.Module):
     One step, with ``[·]`` a concatenation and FFN two hidden layers with ReLU and a LayerNorm at the end:
     ``message = FFN([receiver, sender, edge])``, ``edge += message`` and ``node += FFN([node, Σ messages, …])`` with one
     sum for each edge set of the step. No weights are shared. Sets without edges cost nothing and count as zero sums.
+    In the end nodes are decoded, and the edges of the sets ``answers``, one number for each (ours).
 
     Args:
         size_node: features of a node.
@@ -46,6 +47,7 @@ class MeshGraphNet(nn.Module):
         width: of all layers.
         schedule: the edge sets of each step. ``name@2`` takes only the edges of the set with receivers of level 2 or
             deeper; the others of the set rest.
+        answers: edge sets whose edges predict something too.
 
     Raises:
         DrapeError: a schedule without steps, with a set that there is not or that a step names twice, or without one
@@ -60,6 +62,7 @@ class MeshGraphNet(nn.Module):
         *,
         width: int,
         schedule: Sequence[Sequence[str]],
+        answers: Sequence[str] = (),
     ):
         super().__init__()
         parts = [[_Part.of(text) for text in step] for step in schedule]
@@ -80,11 +83,14 @@ class MeshGraphNet(nn.Module):
         )
         self.steps = nn.ModuleList(_Step(width, step) for step in parts)
         self.decoder = nn.Sequential(nn.Linear(width, width), *_layers(width, size_out))
+        self.edge_decoders = nn.ModuleDict(
+            {name: nn.Sequential(nn.Linear(width, width), *_layers(width, 1)) for name in answers}
+        )
 
     def forward(
         self, nodes: Float[Tensor, "nodes node_features"], edges: Mapping[str, EdgeSet]
-    ) -> Float[Tensor, "nodes size_out"]:
-        """Predictions for all nodes; ``edges`` may lack sets of the schedule."""
+    ) -> tuple[Float[Tensor, "nodes size_out"], dict[str, Float[Tensor, " edges"]]]:
+        """Predictions for all nodes and for the edges of ``answers``; ``edges`` may lack sets of the schedule."""
         nodes = self.node_encoder(nodes)
         edges = {
             name: replace(edge_set, features=self.edge_encoders[name](edge_set.features))
@@ -95,7 +101,8 @@ class MeshGraphNet(nn.Module):
         rows = {part: (edges[part.name].level >= part.level).nonzero()[:, 0] for part in partial}
         for step in self.steps:
             nodes, edges = step(nodes, edges, rows)
-        return self.decoder(nodes)
+        answers = {n: decode(edges[n].features)[:, 0] for n, decode in self.edge_decoders.items() if n in edges}
+        return self.decoder(nodes), answers
 
 
 class _Part(NamedTuple):

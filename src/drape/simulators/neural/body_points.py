@@ -28,9 +28,9 @@ class BodyPoints:
 
     @classmethod
     def of(cls, step: Step, reach: float, search_range: float) -> BodyPoints:
-        """The points at most ``reach`` [m] away; no graph. ``search_range`` [m] says which search to share."""
+        """Of vertices inside the body or up to ``reach`` [m] away; ``search_range`` [m] says which search to share."""
         near, body = step.nearest_faces(search_range), step.obstacle
-        kept = (near.distance.abs() <= reach).nonzero()[:, 0]
+        kept = (near.distance <= reach).nonzero()[:, 0]
         corners = body.x[body.faces[near.faces[kept]]]
         x, x_next = (near.barycentric[kept, :, None] * corners).sum(1), near.end.point[kept]
         return cls(near.vertices[kept], x, x_next, (x_next - x) / step.dt, near.end.normal[kept], near.distance[kept])

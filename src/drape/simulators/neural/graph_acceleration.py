@@ -23,13 +23,17 @@ class GraphAcceleration(nn.Module):
     All vectors are seen from the garment (:class:`Heading`) and the prediction is turned back, so it turns with the
     scene about the vertical and does not depend on where the scene is. Published: FACTS 2.1 (MGN) and 3 (MGN-H); here
     the body is met at the closest point of its surface instead of at its nearest vertex, gravity and external force
-    are one feature of the nodes, and the scales are constants instead of running statistics.
+    are one feature of the nodes, and the scales are constants instead of running statistics. To the accelerations of
+    the nodes come those along what they touch, ours: a number from each edge of the mesh along itself, opposite at its
+    ends, and one from the body along its normal. So a network need not learn directions: strain and contact become
+    functions of one number.
 
     Args:
-        net: makes a :class:`MeshGraphNet` from ``(size_node, sizes_edge, size_out)``.
+        net: makes a :class:`MeshGraphNet` from ``(size_node, sizes_edge, size_out)`` and ``answers``.
         attributes: number of material attributes.
         coarse_levels: of HOOD's hierarchy, which the schedule of ``net`` must use; 0 for MGN.
         search_range: how far around the body faces are searched [m]; that of the contact energy shares its search.
+        thickness: distance from the body at which contact begins [m].
         speed: typical speed of a vertex [m/s].
         acceleration: typical acceleration of a vertex [m/s²].
         edge_length: typical length of an edge [m].
@@ -47,6 +51,7 @@ class GraphAcceleration(nn.Module):
         attributes: int,
         coarse_levels: int,
         search_range: float,
+        thickness: float,
         speed: float,
         acceleration: float,
         edge_length: float,
@@ -54,7 +59,8 @@ class GraphAcceleration(nn.Module):
         reach: float = 0.03,
     ):
         super().__init__()
-        positive = {"speed": speed, "acceleration": acceleration, "edge_length": edge_length, "mass": mass}
+        positive = {"thickness": thickness, "speed": speed, "acceleration": acceleration}
+        positive |= {"edge_length": edge_length, "mass": mass}
         if not (all(0 < value < math.inf for value in positive.values()) and 0 < reach <= search_range < math.inf):
             raise DrapeError(
                 f"graph network: {', '.join(f'{name} {value}' for name, value in positive.items())}, reach {reach} m, "
@@ -65,22 +71,37 @@ class GraphAcceleration(nn.Module):
                 f"graph network: coarse_levels {coarse_levels}, attributes {attributes}; expected 0 or more of each"
             )
         self.inputs = GraphInputs(
-            attributes, coarse_levels, reach, search_range, speed, acceleration, edge_length, mass
+            attributes, coarse_levels, reach, search_range, thickness, speed, acceleration, edge_length, mass
         )
         self.acceleration = acceleration
-        self.net = net(self.inputs.size_node, self.inputs.sizes_edge, 3)
+        self.net = net(self.inputs.size_node, self.inputs.sizes_edge, 3, answers=("mesh", "body"))
         # An untrained network lets the cloth fly straight on, so the first steps of a self-supervised training start
         # near a plausible state and not from an exploded one.
         with torch.no_grad():
-            self.net.decoder[-1].weight *= 0.01
-            self.net.decoder[-1].bias.zero_()
+            for decoder in (self.net.decoder, *self.net.edge_decoders.values()):
+                decoder[-1].weight *= 0.01
+                decoder[-1].bias.zero_()
 
     def forward(self, step: Step) -> Float[Tensor, "vertices 3"]:
         """In world axes and the precision of the step."""
         heading = Heading(step.x, step.mesh)
-        nodes, edges = self.inputs.of(step, heading)
+        nodes, edges, points = self.inputs.of(step, heading)
         precision = self.net.decoder[-1].weight.dtype
         edges = {name: replace(edge_set, features=edge_set.features.to(precision)) for name, edge_set in edges.items()}
-        predicted = self.net(nodes.to(precision), edges)[: step.mesh.num_vertices]
-        predicted = heading.outward(self.acceleration * predicted.to(step.x.dtype), step.mesh.mesh_of_vertex)
-        return predicted.masked_fill(~step.free[:, None], 0.0)
+        predicted, answers = self.net(nodes.to(precision), edges)
+        predicted = predicted[: step.mesh.num_vertices].to(step.x.dtype)
+        predicted = heading.outward(predicted, step.mesh.mesh_of_vertex)
+        predicted = predicted + _along_edges(answers["mesh"].to(step.x.dtype), step)
+        if "body" in answers:
+            pushed = answers["body"].to(step.x.dtype)[:, None] * points.normal
+            predicted = predicted.index_add(0, points.vertices, pushed)
+        return (self.acceleration * predicted).masked_fill(~step.free[:, None], 0.0)
+
+
+def _along_edges(answers: Float[Tensor, " directed_edges"], step: Step) -> Float[Tensor, "vertices 3"]:
+    """The mean of the two answers of each edge, along the edge as it would be at t + dt without forces."""
+    first, second = step.mesh.edges.unbind(-1)
+    there, back = answers.view(2, -1)
+    arm = step.inertial.index_select(0, second) - step.inertial.index_select(0, first)
+    pulled = ((there + back) / 2.0)[:, None] * torch.nn.functional.normalize(arm, dim=-1)
+    return torch.zeros_like(step.x).index_add(0, first, pulled).index_add(0, second, -pulled)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float, Int
@@ -26,6 +27,16 @@ STRAIN = 0.02
 """Strain of an edge that counts as one; that of recorded garments is of this size."""
 
 
+class Graph(NamedTuple):
+    """What a network is given."""
+
+    nodes: Float[Tensor, "nodes features"]
+    """Those of the cloth first."""
+    edges: dict[str, EdgeSet]
+    points: BodyPoints | None
+    """Of the edges from the body, in their order; None without obstacle."""
+
+
 @dataclass(frozen=True)
 class GraphInputs:
     """The features of nodes and edges. Differences are taken in the precision of the step; vectors are scaled alike.
@@ -33,16 +44,21 @@ class GraphInputs:
     * Nodes: velocity, normal; of the cloth also the acceleration that would let it go with the body, 0 beyond
       ``reach``, log(mass), acceleration by gravity and external force, attributes (0 for the body); type; deepest
       coarse level. At a pinned vertex the velocity is the one prescribed for the step.
-    * Edges of the mesh and of its coarse levels, both ways: receiver minus sender now and at rest, with norms; strain;
-      the acceleration of one end that would end their relative motion; attributes.
-    * Edges from the body, one for each vertex within ``reach``: the vertex minus its closest point of the body, where
-      that is at t and at t + dt, with norms; signed distance. Without obstacle there are none and nothing is searched.
+    * Edges of the mesh and of its coarse levels, both ways: receiver minus sender at t, at t + dt without forces, and
+      at rest; its direction at t + dt times its strain there; length at rest; strains at t and t + dt; attributes.
+    * Edges from the body, one for each vertex inside it or within ``reach``: the vertex minus its closest point of the
+      body at t and, without forces, at t + dt, with norms; the normal of the body there; signed distance; height over
+      the plane of the face at t + dt, and how far it is short of ``thickness``, as a share. Without obstacle there are
+      none and nothing is searched.
+
+    Strains ε count as ``asinh(ε / 0.02)``.
     """
 
     attributes: int
     coarse_levels: int
     reach: float
     search_range: float
+    thickness: float
     speed: float
     acceleration: float
     edge_length: float
@@ -57,10 +73,10 @@ class GraphInputs:
     def sizes_edge(self) -> dict[str, int]:
         """Number of features of an edge of each set."""
         names = ["mesh", *(f"coarse_{level}" for level in range(1, self.coarse_levels + 1))]
-        return {name: 12 + self.attributes for name in names} | {"body": 9}
+        return {name: 15 + self.attributes for name in names} | {"body": 14}
 
-    def of(self, step: Step, heading: Heading) -> tuple[Float[Tensor, "nodes features"], dict[str, EdgeSet]]:
-        """Nodes, those of the cloth first, and edges, in the frames ``heading``.
+    def of(self, step: Step, heading: Heading) -> Graph:
+        """In the frames ``heading``.
 
         Raises:
             DrapeError: a step with another number of attributes.
@@ -82,7 +98,7 @@ class GraphInputs:
         if points is not None:
             nodes = torch.cat([nodes, self._body_nodes(points, step, heading)])
             edges["body"] = self._body_edges(points, step, heading, level)
-        return nodes, edges
+        return Graph(nodes, edges, points)
 
     def _cloth_nodes(self, step: Step, heading: Heading, level: Tensor | None, points: BodyPoints | None) -> Tensor:
         mesh_of = step.mesh.mesh_of_vertex
@@ -113,24 +129,26 @@ class GraphInputs:
     def _cloth_edges(self, step: Step, heading: Heading, ends: Int[Tensor, "pairs 2"]) -> EdgeSet:
         first, second = ends.unbind(-1)
         mesh_of = step.mesh.mesh_of_vertex[first]
-        now = heading.inward(step.x.index_select(0, second) - step.x.index_select(0, first), mesh_of)
-        rest = step.mesh.rest_positions
-        vectors = torch.stack([now, (rest[second] - rest[first]).to(now.dtype)], 1) / self.edge_length
-        lengths = safe_norm(vectors, TINY)
-        strain = (lengths[:, :1] / lengths[:, 1:] - 1.0) / STRAIN
-        same_both_ways = torch.cat([lengths, strain, step.attributes[mesh_of].to(now.dtype)], -1)
-        parting = step.v.index_select(0, second) - step.v.index_select(0, first)
-        parting = heading.inward(parting, mesh_of) / (step.dt * self.acceleration)
-        vectors = torch.cat([vectors.flatten(1), parting], -1)
+        places = (step.x, step.inertial, step.mesh.rest_positions.to(step.x.dtype))
+        *moving, rest = (place.index_select(0, second) - place.index_select(0, first) for place in places)
+        moving = heading.inward(torch.stack(moving, 1), mesh_of[:, None].expand(-1, 2))
+        arms = torch.cat([moving, rest[:, None]], 1) / self.edge_length
+        lengths = safe_norm(arms, TINY)
+        strains = torch.asinh((lengths[:, :2] / lengths[:, 2:] - 1.0) / STRAIN)
+        pull = strains[:, 1:] * arms[:, 1] / lengths[:, 1:2]
+        vectors = torch.cat([arms.flatten(1), pull], -1)
+        same_both_ways = torch.cat([lengths[:, 2:], strains, step.attributes[mesh_of].to(arms.dtype)], -1)
         there, back = (torch.cat([v, same_both_ways], -1) for v in (vectors, -vectors))
         return EdgeSet(torch.cat([first, second]), torch.cat([second, first]), torch.cat([there, back]))
 
     def _body_edges(self, points: BodyPoints, step: Step, heading: Heading, level: Tensor | None) -> EdgeSet:
         vertices = points.vertices
-        x, mesh_of = step.x[vertices], step.mesh.mesh_of_vertex[vertices]
-        arms = torch.stack([x - points.x, x - points.x_next], 1) / self.reach
-        arms = heading.inward(arms, mesh_of[:, None].expand(-1, 2))
-        distance = points.distance[:, None] / self.reach
-        features = torch.cat([arms.flatten(1), safe_norm(arms, TINY), distance], -1)
+        arms = torch.stack([step.x[vertices] - points.x, step.inertial[vertices] - points.x_next], 1)
+        height = (arms[:, 1] * points.normal).sum(-1, keepdim=True)
+        short = (1.0 - height / self.thickness).clamp(min=0.0)
+        vectors = torch.stack([arms[:, 0] / self.reach, arms[:, 1] / self.reach, points.normal], 1)
+        vectors = heading.inward(vectors, step.mesh.mesh_of_vertex[vertices][:, None].expand(-1, 3))
+        numbers = [safe_norm(vectors[:, :2], TINY), points.distance[:, None] / self.reach, height / self.reach, short]
         senders = step.mesh.num_vertices + torch.arange(len(vertices), device=vertices.device)
+        features = torch.cat([vectors.flatten(1), *numbers], -1)
         return EdgeSet(senders, vertices, features, None if level is None else level[vertices])

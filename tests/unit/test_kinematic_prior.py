@@ -1,4 +1,4 @@
-"""Cloth that goes with the body: against what is known of a body in uniform motion."""
+"""Cloth that goes with the body and hardly stretches: against a body in uniform motion and stretched cloth."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ from drape.errors import DrapeError
 from drape.nets.mesh_graph_net import MeshGraphNet
 from drape.nets.message_schedule import flat_schedule
 from drape.scene.grid import square_grid
+from drape.scene.mesh_batch import MeshBatch
 from drape.simulators.neural.advance import advance
-from drape.simulators.neural.following import Following
+from drape.simulators.neural.edge_lengths import nearer_to_rest
 from drape.simulators.neural.graph_acceleration import GraphAcceleration
+from drape.simulators.neural.kinematic_prior import KinematicPrior
 from tests.terms import make_step, moved
 
 VELOCITY = torch.tensor([0.3, -0.6, 0.15], dtype=torch.float64)
@@ -48,7 +50,12 @@ def over_floor(heights: list[float]) -> Step:
     return replace(step, x=x, free=torch.ones_like(step.free), obstacle=body)
 
 
-def network(step: Step) -> Following:
+def goes_with(inner: nn.Module, share: float, distance: float = 0.02, search_range: float = 0.1) -> KinematicPrior:
+    """Without :func:`nearer_to_rest`."""
+    return KinematicPrior(inner, share, distance, 0, search_range)
+
+
+def network(step: Step) -> KinematicPrior:
     torch.manual_seed(3)
     inner = GraphAcceleration(
         partial(MeshGraphNet, width=16, schedule=flat_schedule(2)),
@@ -59,15 +66,16 @@ def network(step: Step) -> Following:
         acceleration=7.0,
         edge_length=0.1,
         mass=0.2,
+        thickness=0.01,
     )
     nn.init.normal_(inner.net.decoder[-1].weight)
-    return Following(inner, share=0.8, distance=0.02, search_range=0.1)
+    return goes_with(inner, 0.8)
 
 
 def test_on_the_body_cloth_goes_with_it():
     """Share 1 at distance 0: after the step the cloth has the velocity of the body, and stays where it is on it."""
     step = over_floor([0.0, 0.0, 0.0, 0.0])
-    following = Following(Constant(0.0), share=1.0, distance=0.02, search_range=0.1)
+    following = goes_with(Constant(0.0), 1.0)
     torch.testing.assert_close(following(step), (VELOCITY - step.v) / step.dt)
     torch.testing.assert_close(advance(following, step), step.x + step.dt * VELOCITY)
 
@@ -78,32 +86,32 @@ def test_the_share_decays_with_distance():
     step = over_floor(heights)
     gone = 0.8 * torch.tensor([math.exp(-height / 0.02) for height in heights], dtype=torch.float64)
     expected = 2.5 + gone[:, None] * (VELOCITY - step.v) / step.dt
-    torch.testing.assert_close(Following(Constant(2.5), 0.8, 0.02, 0.1)(step), expected)
+    torch.testing.assert_close(goes_with(Constant(2.5), 0.8)(step), expected)
 
 
 def test_inside_the_body_the_share_does_not_grow():
     step = over_floor([-0.03, -0.001, 0.0, 0.0])
-    found = Following(Constant(0.0), 0.8, 0.02, 0.1)(step)
+    found = goes_with(Constant(0.0), 0.8)(step)
     torch.testing.assert_close(found, 0.8 * (VELOCITY - step.v) / step.dt)
 
 
 def test_beyond_the_search_range_nothing_is_felt():
     """Of heights on both sides of the range, those beyond have exactly what the network says."""
     step = over_floor([0.039, 0.041, 0.02, 0.3])
-    found = Following(Constant(1.0), 1.0, 10.0, search_range=0.04)(step)
+    found = goes_with(Constant(1.0), 1.0, 10.0, 0.04)(step)
     assert torch.equal((found == 1.0).all(1), torch.tensor([False, True, False, True]))
 
 
 def test_cloth_that_moves_with_the_body_is_left_alone():
     step = over_floor([0.0, 0.01, 0.02, 0.06])
     step = replace(step, v=VELOCITY.expand_as(step.v))
-    torch.testing.assert_close(Following(Constant(1.5), 0.8, 0.02, 0.1)(step), torch.full_like(step.x, 1.5))
+    torch.testing.assert_close(goes_with(Constant(1.5), 0.8)(step), torch.full_like(step.x, 1.5))
 
 
 def test_pinned_vertices_are_not_accelerated():
     step = over_floor([0.0, 0.0, 0.0, 0.0])
     step = replace(step, free=torch.tensor([True, False, True, False]))
-    found = Following(Constant(1.0), 1.0, 0.02, 0.1)(step)
+    found = goes_with(Constant(1.0), 1.0)(step)
     assert torch.equal((found == 0.0).all(1), ~step.free)
 
 
@@ -132,7 +140,7 @@ def test_batch_equals_singles():
         torch.arange(2).repeat_interleave(len(body.faces)),
     )
     batch = replace(batch, x=single.x.repeat(2, 1), free=single.free.repeat(2), obstacle=both)
-    following = Following(Constant(0.0), 0.8, 0.02, 0.1)
+    following = goes_with(Constant(0.0), 0.8)
     expected = torch.cat([following(single), following(still)])
     torch.testing.assert_close(following(batch), expected)
     assert (expected[:4] - expected[4:]).abs().max() > 1.0
@@ -142,9 +150,9 @@ def test_share_zero_and_no_obstacle_are_the_network_alone():
     """Bit for bit, and without a search."""
     step = over_floor([0.0, 0.01, 0.02, 0.03])
     alone = replace(step, obstacle=None)
-    assert torch.equal(Following(Constant(1.0), 0.0, 0.02, 0.1)(step), Constant(1.0)(step))
+    assert torch.equal(goes_with(Constant(1.0), 0.0)(step), Constant(1.0)(step))
     assert step._nearest_faces == {}
-    assert torch.equal(Following(Constant(1.0), 1.0, 0.02, 0.1)(alone), Constant(1.0)(alone))
+    assert torch.equal(goes_with(Constant(1.0), 1.0)(alone), Constant(1.0)(alone))
 
 
 def test_only_the_network_learns():
@@ -157,7 +165,7 @@ def test_only_the_network_learns():
     parameters = list(following.parameters())
     alone = replace(step, obstacle=step.obstacle)
     found = torch.autograd.grad((weights * following(step)).sum(), parameters)
-    expected = torch.autograd.grad((weights * following.network(alone)).sum(), parameters)
+    expected = torch.autograd.grad((weights * following.network(following._following(alone))).sum(), parameters)
     for one, other in zip(found, expected, strict=True):
         torch.testing.assert_close(one, other)
 
@@ -171,23 +179,96 @@ def test_single_precision_stays_single():
         v=step.v.float(),
         obstacle=replace(body, x=body.x.float(), x_next=body.x_next.float()),
     )
-    following = Following(Constant(0.0), 0.8, 0.02, 0.1)
+    following = goes_with(Constant(0.0), 0.8)
     found = following(single)
     assert found.dtype == torch.float32
     torch.testing.assert_close(found.double(), following(step), rtol=1e-4, atol=1e-3)
 
 
+def test_the_network_is_told_the_velocity_with_the_body():
+    """And what it has predicted comes on top."""
+
+    class Telling(nn.Module):
+        def forward(self, step: Step) -> Tensor:
+            return 10.0 * step.v
+
+    step = over_floor([0.0, 0.01, 0.02, 0.06])
+    gone = 0.8 * torch.exp(-step.x[:, 2:] / 0.02)
+    v = step.v + gone * (VELOCITY - step.v)
+    torch.testing.assert_close(goes_with(Telling(), 0.8)(step), (v - step.v) / step.dt + 10.0 * v)
+
+
+def test_an_edge_between_two_free_vertices_gets_its_length_from_both():
+    """A cloth stretched about a vertex at rest: an edge of two ends, by hand; and rest is left as it is."""
+    mesh = MeshBatch.from_meshes([square_grid(0.2, 2)])
+    free = torch.ones(4, dtype=torch.bool)
+    rest = mesh.rest_positions
+    torch.testing.assert_close(nearer_to_rest(rest, mesh, free, 3), rest)
+    x = rest.clone()
+    x[0] *= 1.1
+    expected = x.clone()
+    for i in range(4):
+        ends = [pair for pair in mesh.edges.tolist() if i in pair]
+        for pair in ends:
+            j = pair[0] + pair[1] - i
+            arm = x[j] - x[i]
+            expected[i] += (1.0 - (rest[j] - rest[i]).norm() / arm.norm()) * arm / len(ends)
+    torch.testing.assert_close(nearer_to_rest(x, mesh, free, 1), expected)
+
+
+def test_edges_come_nearer_to_rest_and_pins_stay():
+    mesh = MeshBatch.from_meshes([square_grid(1.0, 8)])
+    free = torch.ones(64, dtype=torch.bool)
+    free[:3] = False
+    generator = torch.Generator().manual_seed(0)
+    x = 1.05 * mesh.rest_positions + 0.01 * torch.randn(64, 3, generator=generator, dtype=torch.float64)
+
+    def off(x: Tensor) -> float:
+        first, second = mesh.edges.unbind(1)
+        return float(((x[second] - x[first]).norm(dim=1) / mesh.rest_lengths - 1.0).square().mean())
+
+    errors = [off(nearer_to_rest(x, mesh, free, rounds)) for rounds in (0, 1, 4, 16, 64)]
+    assert all(after < 0.8 * before for before, after in zip(errors[:-1], errors[1:], strict=True))
+    assert torch.equal(nearer_to_rest(x, mesh, free, 4)[:3], x[:3])
+
+
+def test_stiffness_does_not_blow_up_positions_far_from_rest():
+    """The iteration never grows: crumpled at random, after a thousand rounds nothing is farther apart than at first."""
+    mesh = MeshBatch.from_meshes([square_grid(1.0, 8)])
+    x = torch.randn(64, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    after = nearer_to_rest(x, mesh, torch.ones(64, dtype=torch.bool), 1000)
+    assert torch.isfinite(after).all()
+    assert after.norm(dim=1).max() < x.norm(dim=1).max()
+
+
+def test_gradient_through_the_rounds():
+    mesh = MeshBatch.from_meshes([square_grid(0.2, 3)])
+    free = torch.arange(9) != 4
+    x = (mesh.rest_positions + 0.01 * torch.randn(9, 3, dtype=torch.float64)).requires_grad_()
+    assert torch.autograd.gradcheck(lambda x: nearer_to_rest(x, mesh, free, 3), (x,))
+
+
+def test_rounds_are_the_last_word():
+    """What the step ends at is what the network and the body say, with edges nearer to rest."""
+    step = over_floor([0.0, 0.01, 0.02, 0.06])
+    step = replace(step, x=1.2 * step.x, free=torch.tensor([True, True, False, True]))
+    before = advance(goes_with(Constant(1.5), 0.8), step)
+    after = advance(KinematicPrior(Constant(1.5), 0.8, 0.02, 2, 0.1), step)
+    torch.testing.assert_close(after, nearer_to_rest(before, step.mesh, step.free, 2))
+
+
 @pytest.mark.parametrize(
     "numbers",
     [
-        (-0.1, 0.02, 0.1),
-        (1.1, 0.02, 0.1),
-        (0.5, 0.0, 0.1),
-        (0.5, math.inf, 0.1),
-        (0.5, 0.02, 0.0),
-        (math.nan, 1.0, 1.0),
+        (-0.1, 0.02, 1, 0.1),
+        (1.1, 0.02, 1, 0.1),
+        (0.5, 0.0, 1, 0.1),
+        (0.5, math.inf, 1, 0.1),
+        (0.5, 0.02, -1, 0.1),
+        (0.5, 0.02, 1, 0.0),
+        (math.nan, 1.0, 1, 1.0),
     ],
 )
 def test_numbers_out_of_range_are_refused(numbers):
-    with pytest.raises(DrapeError, match="following: share .* expected a share from 0 to 1, and positive lengths"):
-        Following(Constant(0.0), *numbers)
+    with pytest.raises(DrapeError, match="kinematic prior: share .* expected a share from 0 to 1, positive lengths"):
+        KinematicPrior(Constant(0.0), *numbers)

@@ -1,0 +1,67 @@
+"""Cloth goes with its body and hardly stretches: a network need not learn that, only what the cloth does beyond it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from drape.energy.step import Step
+from drape.errors import DrapeError
+from drape.simulators.neural.body_points import BodyPoints
+from drape.simulators.neural.edge_lengths import nearer_to_rest
+
+
+class KinematicPrior(nn.Module):
+    """The acceleration [m/s²] after which ``x' = nearer_to_rest(x + dt (ṽ + dt network(x, ṽ)))``.
+
+    ``ṽ = v + share exp(-d / distance) (v_b - v)``, with the velocity v_b of the point of the body that is closest at
+    t and its distance d, is what the network is told as the velocity; it predicts what happens beyond. In recorded
+    garments (data=garments, 4 cm edges) going with the body leaves 29 % of the mean squared acceleration within 1.5 cm
+    of the body and 60 % within 10 cm; without it a network spends its first thousands of steps on learning as much.
+    :func:`nearer_to_rest` takes from its errors what is elastically dear. Ours, not the paper's.
+
+    Args:
+        network: what predicts the rest.
+        share: of the relative velocity that is gone after a step, on the body itself; 0 leaves that out.
+        distance: at which the share has fallen to 1/e [m].
+        rounds: of :func:`nearer_to_rest`; 0 leaves it out.
+        search_range: how far around the body faces are searched [m]; that of the contact energy shares its search.
+
+    Raises:
+        DrapeError: numbers out of range.
+    """
+
+    def __init__(self, network: nn.Module, share: float, distance: float, rounds: int, search_range: float):
+        super().__init__()
+        lengths = 0.0 < distance < math.inf and 0.0 < search_range < math.inf
+        if not (0.0 <= share <= 1.0 and lengths and rounds >= 0):
+            raise DrapeError(
+                f"kinematic prior: share {share}, distance {distance} m, rounds {rounds}, search_range {search_range} "
+                "m; expected a share from 0 to 1, positive lengths, and no less than 0 rounds"
+            )
+        self.network = network
+        self.share, self.distance, self.rounds, self.search_range = share, distance, rounds, search_range
+
+    def forward(self, step: Step) -> Float[Tensor, "vertices 3"]:
+        """In world axes and the precision of the step; 0 at pinned vertices."""
+        following = self._following(step)
+        acceleration = self.network(following) + (following.v - step.v) / step.dt
+        if not self.rounds:
+            return acceleration
+        x_next = step.x + step.dt * (step.v + step.dt * acceleration)
+        kept = nearer_to_rest(x_next, step.mesh, step.free, self.rounds)
+        return acceleration + (kept - x_next) / step.dt**2
+
+    def _following(self, step: Step) -> Step:
+        """The same step of cloth that has begun to go with the body; the search is shared."""
+        if step.obstacle is None or self.share == 0.0:
+            return step
+        near = BodyPoints.of(step, self.search_range, self.search_range)
+        gone = self.share * torch.exp(-near.distance.clamp(min=0.0) / self.distance)
+        pulled = gone[:, None] * (near.velocity - step.v[near.vertices])
+        v = step.v + torch.zeros_like(step.v).index_add(0, near.vertices, pulled) * step.free[:, None]
+        return replace(step, v=v).with_nearest_faces(step.nearest_faces(self.search_range), self.search_range)
