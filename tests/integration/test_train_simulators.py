@@ -81,6 +81,28 @@ def test_a_checkpoint_animates_by_itself(run, tubes, tmp_path):
         np.testing.assert_allclose(one.trajectory().x, other.trajectory().x, atol=1e-9)
 
 
+def test_a_trained_simulator_is_measured_over_many_frames(run, tubes, tmp_path):
+    """Every way to train has an energy that is measured."""
+    row, folder = run
+    done = in_process(
+        "benchmark",
+        "measure=long_rollouts",
+        f"measure.checkpoints=[{folder}/checkpoints/last.ckpt]",
+        f"measure.path={tubes}",
+        "measure.sequences=1",
+        "measure.frames=12",
+        "measure.stand=8",
+        f"folder={tmp_path}",
+    )
+    assert done.code == 0, done.err
+    with open(tmp_path / "long_rollouts.csv") as file:
+        (line,) = csv.DictReader(file)
+    assert line.pop("row") == row
+    assert float(line["finite_frames_percent"]) == 100.0
+    assert all(np.isfinite(float(value)) for value in line.values())
+    assert float(line["energy_rise_worst_J_per_kg"]) >= max(0.0, float(line["energy_change_worst_J_per_kg"]))
+
+
 @pytest.mark.parametrize("row", ["mgn_h_eunet"])
 def test_killed_and_continued_is_as_never_killed(row, tubes, tmp_path):
     """Killed at iteration 5, continued from the checkpoint of iteration 4: the same parameters, bit for bit."""

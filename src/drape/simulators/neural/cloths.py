@@ -46,6 +46,10 @@ class Cloths(Protocol):
         """What the network is told of a fabric when it animates."""
         ...
 
+    def terms(self, material: Material) -> Sequence[EnergyTerm]:
+        """The energies of a fabric that a simulator is trained with; none where it is shown recorded garments."""
+        ...
+
 
 class RecordedCloths:
     """Each garment of the fabric that it was recorded with: for supervised training. No energies."""
@@ -58,6 +62,9 @@ class RecordedCloths:
 
     def of(self, material: Material) -> Known:
         return Known(_vector(material, self.attribute_scales), None)
+
+    def terms(self, material: Material) -> Sequence[EnergyTerm]:
+        return []
 
 
 class LearnedCloths:
@@ -78,12 +85,15 @@ class LearnedCloths:
     def draw(self, rollout: GarmentRollout, materials: Mapping[str, Material], generator: torch.Generator) -> Cloth:
         names = rollout.fabrics
         name = names[int(torch.randint(len(names), (), generator=generator))]
-        if name not in self._fabrics:
-            self._fabrics[name] = self._energy(material=materials[name])
-        fabric = self._fabrics[name]
-        for term in fabric.terms:
+        return _cloth(rollout, [materials[name]] * rollout.mesh.num_meshes, self, self.terms(materials[name]))
+
+    def terms(self, material: Material) -> Sequence[EnergyTerm]:
+        if material.name not in self._fabrics:
+            self._fabrics[material.name] = self._energy(material=material)
+        terms = self._fabrics[material.name].terms
+        for term in terms:
             term.requires_grad_(False)
-        return _cloth(rollout, [materials[name]] * rollout.mesh.num_meshes, self, fabric.terms)
+        return terms
 
     def of(self, material: Material) -> Known:
         return Known(_vector(material, self.attribute_scales), None)

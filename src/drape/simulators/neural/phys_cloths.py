@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import torch
 
 from drape.data.garment_rollout import GarmentRollout
 from drape.energy.phys_material import PhysMaterial
+from drape.energy.term import EnergyTerm
 from drape.errors import DrapeError
 from drape.scene.material import Material
 from drape.simulators.neural.cloths import Cloth, Known
@@ -39,6 +40,9 @@ class PhysCloths:
     def of(self, material: Material) -> Known:
         known = self.material(material.name)
         return Known(known.inputs(), known.areal_density)
+
+    def terms(self, material: Material) -> Sequence[EnergyTerm]:
+        return self.material(material.name).terms()
 
     def material(self, fabric: str) -> PhysMaterial:
         """The material that stands for a fabric."""
