@@ -12,6 +12,7 @@ from torch import nn
 from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
+from drape.energy.fabric import Fabric
 from drape.energy.gravity import Gravity
 from drape.energy.inertia import Inertia
 from drape.energy.phys_material import PhysMaterial
@@ -22,7 +23,7 @@ from drape.loss.potential import Potential
 from drape.loss.prediction import Prediction
 from drape.scene.material import ATTRIBUTES, Material
 from drape.simulators.neural.advance import advance, rollout_step
-from drape.simulators.neural.cloths import RecordedCloths
+from drape.simulators.neural.cloths import LearnedCloths, RecordedCloths
 from drape.simulators.neural.neural import NeuralSimulator
 from drape.simulators.neural.phys_cloths import PhysCloths
 from drape.simulators.simulator import Outcome
@@ -190,6 +191,38 @@ def test_the_potential_is_its_terms_per_mass_with_their_gradient(data):
     expected = sum(term.energy_and_gradient(prediction.x_next, step)[1] for term in terms)
     scale = (1 / mass / step.mesh.num_meshes)[step.mesh.mesh_of_vertex, None]
     torch.testing.assert_close(prediction.x_next.grad, expected * scale)
+
+
+def learned(force: float) -> LearnedCloths:
+    return LearnedCloths(ONES, lambda material: Fabric([], torch.empty(0)), force)
+
+
+@pytest.mark.parametrize("cloths", [lambda force: PhysCloths(None, force), learned], ids=["phys", "learned"])
+def test_garments_are_drawn_with_forces(data, cloths):
+    """One force per mass for each garment of a batch, none beyond the largest, in any direction; 0 draws nothing."""
+    rollout, generator = data.rollout(np.array([0, 3])), torch.Generator().manual_seed(0)
+    drawn = [cloths(2.0).draw(rollout, data.materials, generator) for _ in range(50)]
+    per_mass = torch.stack([cloth.external_force / cloth.mass[:, None] for cloth in drawn])
+    for k in range(2):
+        own = per_mass[:, rollout.mesh.mesh_of_vertex == k]
+        torch.testing.assert_close(own, own[:, :1].expand_as(own))
+    one, other = (per_mass[:, rollout.mesh.mesh_of_vertex == k][:, 0] for k in range(2))
+    assert (one - other).norm(dim=1).min() > 1e-3
+    sizes = torch.cat([one, other]).norm(dim=1)
+    assert 1.8 < sizes.max() <= 2.0
+    assert (torch.cat([one, other]).mean(0).abs() < 0.4).all()
+    assert cloths(0.0).draw(rollout, data.materials, generator).external_force is None
+
+
+def test_the_network_is_told_of_the_force_and_the_potential_counts_it(data):
+    rollout = data.rollout(np.array([0]))
+    cloth = PhysCloths(None, 3.0).draw(rollout, data.materials, torch.Generator().manual_seed(1))
+    step = rollout_step(rollout, 0, rollout.x[1], torch.zeros_like(rollout.x[1]), cloth)
+    assert torch.equal(step.external_force, cloth.external_force)
+    moved = torch.tensor([0.01, -0.02, 0.03], dtype=torch.float64)
+    values = potential()(Prediction(step.x + moved, step, rollout.x[2], [], 1.0))
+    per_mass = (cloth.external_force / cloth.mass[:, None])[0]
+    assert float(values["external"]) == pytest.approx(-float(per_mass @ moved))
 
 
 @pytest.mark.parametrize(("progress", "share"), [(0.0, 0.1), (0.2, 0.1), (0.4, 0.55), (0.6, 1.0), (1.0, 1.0)])

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from drape.energy.contact import Contact
+from drape.energy.external import ExternalForce
 from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
 from drape.energy.inertia import Inertia
@@ -18,11 +19,12 @@ from drape.loss.prediction import Prediction, PredictionLoss
 
 
 class Potential(PredictionLoss):
-    """Mean of ``(inertia + gravity + Σ energies of the fabric + contact [+ friction]) / mass`` [J/kg] (paper, eq. 8).
+    """Mean of ``(inertia + gravity [+ external] + Σ energies of the fabric + contact [+ friction]) / mass`` [J/kg].
 
-    Per mass, so that garments of silk and of denim count alike; a frame's free fall is worth g² dt²/2 = 0.05 J/kg.
-    The stiffness of contact grows over the training, as in HOOD (FACTS 3.4): a network that has learned nothing yet
-    would see nothing but contact. Energies bring their own gradients, from compiled kernels where there are some.
+    Paper, eq. 8. Per mass, so that garments of silk and of denim count alike; a frame's free fall is worth
+    g² dt²/2 = 0.05 J/kg. The stiffness of contact grows over the training, as in HOOD (FACTS 3.4): a network that has
+    learned nothing yet would see nothing but contact. Energies bring their own gradients, from compiled kernels where
+    there are some.
 
     Args:
         weight: of the sum.
@@ -71,7 +73,8 @@ class Potential(PredictionLoss):
         stiffness = self.stiffness * share * float(prediction.step.mass.mean())
         contact = Contact(stiffness, self.thickness, self.search_range)
         friction = [] if self.friction is None else [Friction(self.friction, contact)]
-        return [Inertia(), Gravity(), *prediction.terms, contact, *friction]
+        external = [] if prediction.step.external_force is None else [ExternalForce()]
+        return [Inertia(), Gravity(), *external, *prediction.terms, contact, *friction]
 
 
 class _WithGradient(torch.autograd.Function):

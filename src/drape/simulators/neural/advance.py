@@ -34,5 +34,6 @@ def rollout_step(
         attributes=cloth.attributes,
         gravity=rollout.gravity,
         dt=rollout.dt,
+        external_force=cloth.external_force,
         obstacle=ObstacleStep(rollout.body_faces, rollout.body[k + 1], rollout.body[k + 2], rollout.mesh_of_face),
     )

@@ -24,6 +24,8 @@ class Cloth(NamedTuple):
     """[kg]"""
     terms: Sequence[EnergyTerm]
     """The elastic and dissipated energies of the fabric; all garments of a batch share it. [] where none is needed."""
+    external_force: Float[Tensor, "vertices 3"] | None = None
+    """[N] in all steps of a rollout, besides gravity."""
 
 
 class Known(NamedTuple):
@@ -75,17 +77,19 @@ class LearnedCloths:
     Args:
         attribute_scales: divisors of the vector **a** of a fabric.
         energy: makes the energies of a ``material``; called once for each fabric.
+        force: largest external force on each garment [N/kg]; see :func:`forced`.
     """
 
-    def __init__(self, attribute_scales: Mapping[str, float], energy: Callable[..., Fabric]):
+    def __init__(self, attribute_scales: Mapping[str, float], energy: Callable[..., Fabric], force: float = 0.0):
         self.attribute_scales = dict(attribute_scales)
-        self._energy = energy
+        self._energy, self.force = energy, force
         self._fabrics: dict[str, Fabric] = {}
 
     def draw(self, rollout: GarmentRollout, materials: Mapping[str, Material], generator: torch.Generator) -> Cloth:
         names = rollout.fabrics
         name = names[int(torch.randint(len(names), (), generator=generator))]
-        return _cloth(rollout, [materials[name]] * rollout.mesh.num_meshes, self, self.terms(materials[name]))
+        cloth = _cloth(rollout, [materials[name]] * rollout.mesh.num_meshes, self, self.terms(materials[name]))
+        return forced(cloth, rollout, self.force, generator)
 
     def terms(self, material: Material) -> Sequence[EnergyTerm]:
         if material.name not in self._fabrics:
@@ -97,6 +101,19 @@ class LearnedCloths:
 
     def of(self, material: Material) -> Known:
         return Known(_vector(material, self.attribute_scales), None)
+
+
+def forced(cloth: Cloth, rollout: GarmentRollout, largest: float, generator: torch.Generator) -> Cloth:
+    """The cloth with a constant force on each garment, a direction and up to ``largest`` [N/kg] at random.
+
+    The paper (appendix) draws such forces and does not say which; 0 draws none.
+    """
+    if largest == 0.0:
+        return cloth
+    mesh = rollout.mesh
+    direction = torch.nn.functional.normalize(torch.randn(mesh.num_meshes, 3, generator=generator), dim=-1)
+    per_mass = (largest * torch.rand(mesh.num_meshes, 1, generator=generator) * direction).to(cloth.mass)
+    return cloth._replace(external_force=cloth.mass[:, None] * per_mass[mesh.mesh_of_vertex])
 
 
 def _vector(material: Material, scales: Mapping[str, float]) -> Float[Tensor, " attributes"]:

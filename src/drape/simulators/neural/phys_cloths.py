@@ -11,7 +11,7 @@ from drape.energy.phys_material import PhysMaterial
 from drape.energy.term import EnergyTerm
 from drape.errors import DrapeError
 from drape.scene.material import Material
-from drape.simulators.neural.cloths import Cloth, Known
+from drape.simulators.neural.cloths import Cloth, Known, forced
 
 
 class PhysCloths:
@@ -20,13 +20,14 @@ class PhysCloths:
     Args:
         estimates: numbers of :class:`PhysMaterial` by the name of a fabric, as EST has found them; None: HOOD's
             defaults for every fabric.
+        force: largest external force on each garment [N/kg]; see :func:`drape.simulators.neural.cloths.forced`.
 
     Raises:
         DrapeError: estimates that are no material; later, a fabric without an estimate.
     """
 
-    def __init__(self, estimates: Mapping[str, Mapping[str, float]] | None):
-        self._estimates = None
+    def __init__(self, estimates: Mapping[str, Mapping[str, float]] | None, force: float = 0.0):
+        self.force, self._estimates = force, None
         if estimates is not None:
             self._estimates = {name: _material(name, numbers) for name, numbers in estimates.items()}
 
@@ -35,7 +36,8 @@ class PhysCloths:
         share = mesh.rest_faces.area / 3.0
         area = share.new_zeros(mesh.num_vertices).index_add(0, mesh.faces.flatten(), share.repeat_interleave(3))
         attributes = material.inputs().to(rollout.x.device).expand(mesh.num_meshes, -1)
-        return Cloth(attributes, material.areal_density * area, material.terms())
+        cloth = Cloth(attributes, material.areal_density * area, material.terms())
+        return forced(cloth, rollout, self.force, generator)
 
     def of(self, material: Material) -> Known:
         known = self.material(material.name)
