@@ -160,7 +160,7 @@ def _summary(trained: Trained, found: list[Row]) -> Row:
     told = trained.training
     return {
         "row": told["row"] + ("" if told["ablation"] == "none" else f" {told['ablation']}"),
-        "seed": told["seed"],
+        "seed": str(told["seed"]),
         "finite_frames_percent": 100 * of["finite"].mean(),
         "inside_percent": 100 * of["inside"].mean(),
         "last_strain_rms_percent": 100 * of["strain"].mean(),
