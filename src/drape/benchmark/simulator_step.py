@@ -27,9 +27,9 @@ PARTS = ("data", "search", "forward", "loss", "backward", "optimizer")
 class SimulatorStep:
     """Phases of one step of a rollout [ms], medians over ``repeats``, beside its network alone.
 
-    ``data`` (read a rollout, draw its cloth) is counted in full, though a rollout of several steps reads once;
-    ``search`` finds the nearest faces of the body. ``networks``: the same layers on the same inputs, ready made,
-    forward and backward; steps and networks alternate, so that both see the same machine.
+    ``data`` (read a rollout, draw its cloth) is spread over the steps of a rollout, as many as the schedule of the
+    config has on average; ``search`` finds the nearest faces of the body. ``networks``: the same layers on the same
+    inputs, ready made, forward and backward; steps and networks alternate, so that both see the same machine.
     """
 
     def __init__(self, repeats: int):
@@ -64,6 +64,8 @@ class _Step:
         self.losses = [conf.instantiate(term) for term in config.loss.values()]
         self.optimizer = conf.instantiate(config.optimizer)(self.network.parameters())
         self.generator = torch.Generator().manual_seed(config.seed)
+        growing = conf.instantiate(config.training.curriculum)
+        self.length = statistics.fmean(growing.length(k) for k in range(config.scale.simulator.iterations))
         named = self.network.network.named_children()
         self.layers = [module for name, module in named if name in ("net", "decoder")]
 
@@ -88,7 +90,8 @@ class _Step:
         self.optimizer.zero_grad()
         marks.append(time.perf_counter())
         row = dict(zip(PARTS, np.diff(marks).tolist(), strict=True))
-        return row | {"step": marks[-1] - marks[0], "networks": _alone(calls)}
+        row["data"] /= self.length
+        return row | {"step": sum(row.values()), "networks": _alone(calls)}
 
 
 class _Inputs:
