@@ -12,6 +12,7 @@ from torch import nn
 from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
+from drape.data.motion import edge_strain
 from drape.energy.fabric import Fabric
 from drape.energy.gravity import Gravity
 from drape.energy.inertia import Inertia
@@ -24,6 +25,7 @@ from drape.loss.prediction import Prediction
 from drape.scene.material import ATTRIBUTES, Material
 from drape.simulators.neural.advance import advance, rollout_step
 from drape.simulators.neural.cloths import LearnedCloths, RecordedCloths
+from drape.simulators.neural.kinematic import kinematic
 from drape.simulators.neural.neural import NeuralSimulator
 from drape.simulators.neural.phys_cloths import PhysCloths
 from drape.simulators.simulator import Outcome
@@ -137,6 +139,24 @@ def test_a_prediction_that_is_not_finite_is_told_and_not_taken(path):
     result = NeuralSimulator(Broken(), RecordedCloths(ONES), scene).step(scene.initial, 0)
     assert result.outcome is Outcome.NOT_PREDICTED
     np.testing.assert_array_equal(result.state.x, scene.initial.x)
+
+
+def test_what_networks_add_to_animates_by_itself(path):
+    """Without following and rounds cloth coasts; with rounds its edges come nearer to their rest."""
+    scene = recorded_scene(GarmentFile(path).sequence("00001"))
+    x, v, free = scene.initial.x, scene.initial.v, np.ones(scene.mesh.num_vertices, dtype=bool)
+    if scene.pins is not None:
+        free[scene.pins.vertices] = False
+    coasting = kinematic(scene, 0.0, 0.1, 0, 0.2).step(scene.initial, 0).state.x
+    np.testing.assert_allclose(coasting[free], (x + scene.dt * v)[free], atol=1e-12)
+    kept = kinematic(scene, 0.0, 0.1, 20, 0.2).step(scene.initial, 0).state.x
+
+    def strain(x: np.ndarray) -> float:
+        return float(np.mean(edge_strain(x[None], scene.mesh) ** 2))
+
+    assert strain(kept) < 0.5 * strain(coasting)
+    following = kinematic(scene, 1.0, 1e6, 0, 0.2).step(scene.initial, 0).state.x
+    assert np.abs(following - coasting)[free].max() > 1e-4
 
 
 def test_the_material_of_phys_sets_the_weight(path):
