@@ -16,6 +16,8 @@ from drape.report.garment_rows import GarmentRow
 
 COLUMNS = ("ms_per_frame", "error_mm", "error_mm_std", "floor_mm", "collision_percent", "inside_percent")
 MARKERS = {"trained": "o", "solver": "s", "baseline": "D"}
+DENSE = 1e3
+"""Ratio of the ends of an axis up to which there is room for numbers between powers of ten."""
 
 
 def trade_rows(rows: Sequence[GarmentRow]) -> list[dict[str, object]]:
@@ -66,7 +68,8 @@ def draw_garment_trade(rows: Sequence[GarmentRow], path: Path, *, dark: bool = F
         axis.margins(0.12)
         axis.grid(alpha=0.25, linewidth=0.5)
         for ticks in (axis.xaxis, axis.yaxis):
-            ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            low, high = ticks.get_view_interval()
+            ticks.set_major_locator(LogLocator(subs=(1, 2, 5) if high < DENSE * low else (1,)))
             ticks.set_major_formatter(FormatStrFormatter("%g"))
             ticks.set_minor_formatter(NullFormatter())
         legend_below(figure)
