@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 from drape.energy.elastic import ElasticEnergy
-from drape.energy.external import ExternalForce
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.loss.newton import Newton
@@ -97,7 +96,7 @@ def no_contact(monkeypatch):
 def test_free_fall_is_known():
     """Inertia and gravity alone: from anywhere the step lands on x + dt v + dt² g, and no fall at all costs ½."""
     step, x_next = free_of_body(square_grid(1.0, 4))
-    step = replace(step, gravity=torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64))
+    step = replace(step, gravity=torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64), external_force=None)
     fallen = step.inertial + step.dt**2 * step.gravity
     torch.testing.assert_close(landing(newton(), x_next, step, [])[step.free], fallen[step.free])
     values, _ = judged(newton(), step.inertial, step, [])
@@ -111,7 +110,7 @@ def test_free_fall_is_known():
 def test_a_quadratic_potential_is_left_in_one_step():
     """With coupled vertices and pins: x' - z is the minimiser, and the loss is half the squared way there."""
     step, x_next = free_of_body(square_grid(1.0, 5))
-    terms, loss = [Tethers(40.0), ExternalForce()], newton()
+    terms, loss = [Tethers(40.0)], newton()
     lowest = minimum(step, terms, loss, x_next, steps=1)
     uncoupled = step.inertial + step.dt**2 * step.gravity
     assert (lowest - uncoupled)[step.free].norm(dim=1).max() > 1e-3, "the tethers must have a part in it"
@@ -139,7 +138,7 @@ def test_at_a_minimum_the_loss_and_its_gradient_vanish():
 
 @pytest.mark.usefixtures("no_contact")
 def test_longest_caps_steps_and_keeps_their_direction():
-    step, _ = free_of_body(square_grid(1.0, 4))
+    step = replace(free_of_body(square_grid(1.0, 4))[0], external_force=None)
     away = (
         torch.linspace(0.02, 0.3, len(step.x), dtype=torch.float64)[:, None] * torch.tensor([0.6, 0.0, -0.8]).double()
     )
@@ -169,7 +168,7 @@ def test_pinned_vertices_do_not_move_and_do_not_count():
 @pytest.mark.usefixtures("no_contact")
 def test_batch_equals_singles():
     """Two meshes of different size in one batch: the steps of each alone; the loss is the mean over all vertices."""
-    meshes, loss, terms = [square_grid(1.0, 5), disc(0.5, 3, 0.3)], newton(), [Tethers(40.0), ExternalForce()]
+    meshes, loss, terms = [square_grid(1.0, 5), disc(0.5, 3, 0.3)], newton(), [Tethers(40.0)]
     step, x_next = free_of_body(*meshes)
     singles = [free_of_body(mesh) for mesh in meshes]
     expected = torch.cat([landing(loss, x, single, terms) for single, x in singles])
@@ -197,7 +196,7 @@ def test_energies_are_logged_and_have_no_part():
     x = x_next.requires_grad_()
     prediction = Prediction(x, step, x.detach(), terms, 1.0)
     values, logged = loss(prediction), Potential(1.0, **CONTACT)(prediction)
-    assert set(values) == {*logged, "newton"} == {"inertia", "gravity", "elastic", "contact", "newton"}
+    assert set(values) == {*logged, "newton"} == {"inertia", "gravity", "external", "elastic", "contact", "newton"}
     for name, value in logged.items():
         assert not values[name].requires_grad
         torch.testing.assert_close(values[name], value.detach())
