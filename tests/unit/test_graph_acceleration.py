@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 
 import pytest
 import torch
@@ -12,29 +11,12 @@ from torch import Tensor
 
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
-from drape.nets.mesh_graph_net import MeshGraphNet
-from drape.nets.message_schedule import flat_schedule, hood_schedule
 from drape.scene.disc import disc
 from drape.scene.grid import rectangular_grid, square_grid
 from drape.simulators.neural.graph_acceleration import GraphAcceleration
 from drape.simulators.neural.heading import Heading
+from tests.networks import SCHEDULES, make_network, untrained
 from tests.terms import converted, make_step, moved, renumbered
-
-SCHEDULES = {"mgn": (flat_schedule(3), 0), "mgn_h": (hood_schedule(1), 2)}
-
-
-def make_network(kind: str = "mgn", **changes: float) -> GraphAcceleration:
-    """With random weights in the last layer, so that predictions are of the size of the scale, 7 m/s²."""
-    schedule, levels = SCHEDULES[kind]
-    numbers = {"speed": 2.0, "acceleration": 7.0, "edge_length": 0.1, "mass": 0.2, "search_range": 0.1, "reach": 0.04}
-    numbers["thickness"] = 0.02
-    torch.manual_seed(3)
-    network = GraphAcceleration(
-        partial(MeshGraphNet, width=16, schedule=schedule), attributes=5, coarse_levels=levels, **(numbers | changes)
-    )
-    for decoder in (network.net.decoder, *network.net.edge_decoders.values()):
-        torch.nn.init.normal_(decoder[-1].weight)
-    return network
 
 
 @pytest.fixture(params=SCHEDULES)
@@ -346,18 +328,7 @@ def test_hierarchy_reaches_farther():
 
 
 def test_untrained_network_predicts_nearly_nothing(step: Step):
-    network = GraphAcceleration(
-        partial(MeshGraphNet, width=16, schedule=flat_schedule(3)),
-        attributes=5,
-        coarse_levels=0,
-        search_range=0.1,
-        speed=1.0,
-        acceleration=10.0,
-        edge_length=0.1,
-        mass=0.2,
-        thickness=0.01,
-    )
-    predicted = network(step)
+    predicted = untrained()(step)
     assert 0.0 < predicted.abs().max() < 0.2
 
 
@@ -392,16 +363,6 @@ def test_mistakes_are_sentences(step: Step):
     with pytest.raises(DrapeError, match="speed 0"):
         make_network(speed=0.0)
     with pytest.raises(DrapeError, match="coarse"):
-        GraphAcceleration(
-            partial(MeshGraphNet, width=16, schedule=hood_schedule()),
-            attributes=5,
-            coarse_levels=0,
-            search_range=0.1,
-            speed=1.0,
-            acceleration=10.0,
-            edge_length=0.1,
-            mass=0.2,
-            thickness=0.01,
-        )
+        untrained("mgn_h", coarse_levels=0)
     with pytest.raises(DrapeError, match="3 material attributes"):
         make_network()(replace(step, attributes=step.attributes[:, :3]))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 
 import pytest
 import torch
@@ -12,14 +11,12 @@ from torch import Tensor, nn
 
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
-from drape.nets.mesh_graph_net import MeshGraphNet
-from drape.nets.message_schedule import flat_schedule
 from drape.scene.grid import square_grid
 from drape.scene.mesh_batch import MeshBatch
 from drape.simulators.neural.advance import advance
 from drape.simulators.neural.edge_lengths import nearer_to_rest
-from drape.simulators.neural.graph_acceleration import GraphAcceleration
 from drape.simulators.neural.kinematic_prior import KinematicPrior
+from tests.networks import make_network
 from tests.terms import make_step, moved
 
 VELOCITY = torch.tensor([0.3, -0.6, 0.15], dtype=torch.float64)
@@ -55,21 +52,8 @@ def goes_with(inner: nn.Module, share: float, distance: float = 0.02, search_ran
     return KinematicPrior(inner, share, distance, 0, search_range)
 
 
-def network(step: Step) -> KinematicPrior:
-    torch.manual_seed(3)
-    inner = GraphAcceleration(
-        partial(MeshGraphNet, width=16, schedule=flat_schedule(2)),
-        attributes=step.attributes.shape[1],
-        coarse_levels=0,
-        search_range=0.1,
-        speed=2.0,
-        acceleration=7.0,
-        edge_length=0.1,
-        mass=0.2,
-        thickness=0.01,
-    )
-    nn.init.normal_(inner.net.decoder[-1].weight)
-    return goes_with(inner, 0.8)
+def network() -> KinematicPrior:
+    return goes_with(make_network(), 0.8)
 
 
 def test_on_the_body_cloth_goes_with_it():
@@ -118,7 +102,7 @@ def test_pinned_vertices_are_not_accelerated():
 def test_yaw_turns_the_prediction_and_translation_leaves_it():
     step, _ = make_step(square_grid(1.0, 8))
     step = replace(step, gravity=torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64))
-    following = network(step)
+    following = network()
     expected = following(step)
     assert (expected - following.network(step)).norm(dim=1).max() > 1.0, "the body must have a part in it"
     c, s = math.cos(2.0), math.sin(2.0)
@@ -158,7 +142,7 @@ def test_share_zero_and_no_obstacle_are_the_network_alone():
 def test_only_the_network_learns():
     """What is added is a constant of the step: gradients are those of the network, and it has the only parameters."""
     step, _ = make_step(square_grid(1.0, 8))
-    following = network(step)
+    following = network()
     weights = torch.randn_like(step.x)
     names = [name for name, _ in following.named_parameters()]
     assert all(name.startswith("network.") for name in names)
