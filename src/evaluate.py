@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 from rich.console import Console
 
@@ -16,8 +15,7 @@ from drape.report.garment_tables import kinds_table
 
 @conf.main("evaluate")
 def main(config: DictConfig) -> None:
-    overrides = list(HydraConfig.get().overrides.task)
-    record, scored, folder = evaluate_config(config, overrides, conf.chosen("simulator"), conf.chosen("energy"))
+    record, scored, folder = evaluate_config(config, conf.typed(), conf.chosen("simulator"), conf.chosen("energy"))
     table = kinds_table(record)
     (folder / "table.md").write_text(table.markdown(), encoding="utf-8")
     draw_garment_curves(scored, folder / "by_frame.png")

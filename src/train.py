@@ -32,10 +32,9 @@ GROUPS = {
 @conf.main("train")
 def main(config: DictConfig) -> None:
     conf.check_ablation()
-    job = HydraConfig.get()
     choices = {name: conf.chosen(group) for name, group in GROUPS.items()}
-    choices["overrides"] = " ".join(job.overrides.task)
-    folder = Path(job.runtime.output_dir)
+    choices["command"] = conf.command_line("train", conf.typed())
+    folder = Path(HydraConfig.get().runtime.output_dir)
     record = train(config, folder, choices)
     print(summary(record))
     if config.evaluate and record.name == simulator_record.FILE and record.is_file():

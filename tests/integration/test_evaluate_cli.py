@@ -9,6 +9,7 @@ import json
 import os
 import re
 import runpy
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -132,6 +133,16 @@ def test_an_analytic_law_needs_no_fabric(run, tmp_path):
     done = run("energy=phys", "areal_density=0.2", "kinds=[dress]", "name=mine", *QUICK)
     assert done.code == 0, done.err
     assert metrics(tmp_path / "recorded_test" / "mine")["sequences/overall"] == 1
+
+
+def test_the_record_has_the_command_as_it_was_typed(run, tmp_path):
+    """With its interpolations: no path of this machine, and a shell understands it."""
+    law = "energy.table=${shipped:eunet_stable_silk.npz}"
+    done = run("kinds=[dress]", law, "name=mine", *QUICK)
+    assert done.code == 0, done.err
+    record = json.loads((tmp_path / "recorded_test" / "mine" / "metrics.json").read_text())
+    words = shlex.split(record["provenance"]["command"])
+    assert words[:4] == ["python", "src/evaluate.py", "kinds=[dress]", law]
 
 
 def test_right_after_the_data_it_runs_in_a_process_of_its_own(tmp_path, recordings):

@@ -4,5 +4,6 @@ from drape.config.ablation import check_ablation
 from drape.config.check import check_config
 from drape.config.entry_point import instantiate, main
 from drape.config.resolvers import chosen, set_statistics
+from drape.config.typed import command_line, typed
 
-__all__ = ["check_ablation", "check_config", "chosen", "instantiate", "main", "set_statistics"]
+__all__ = ["check_ablation", "check_config", "chosen", "command_line", "instantiate", "main", "set_statistics", "typed"]

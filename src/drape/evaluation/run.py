@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,7 +24,7 @@ class Evaluated(NamedTuple):
     folder: Path
 
 
-def evaluate_config(config: DictConfig, overrides: Sequence[str], simulator: str, energy: str) -> Evaluated:
+def evaluate_config(config: DictConfig, overrides: list[str], simulator: str, energy: str) -> Evaluated:
     """Animate and score what a config composed from ``conf/evaluate.yaml`` says.
 
     ``overrides`` are those of its command line; ``simulator`` and ``energy`` the options of these groups.
@@ -39,5 +38,5 @@ def evaluate_config(config: DictConfig, overrides: Sequence[str], simulator: str
     name = config.name or method.named(simulator, energy)
     folder = Path(config.folder or f"{config.runs}/{file.path.stem}_{selection.split}/{name}")
     scored = evaluate(method, selection.of(file), folder)
-    command = " ".join(["python src/evaluate.py", *overrides])
+    command = conf.command_line("evaluate", overrides)
     return Evaluated(save(scored, method, name, selection.split, command, folder), scored, folder)

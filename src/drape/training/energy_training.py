@@ -153,7 +153,7 @@ class EnergyTraining(lightning.LightningModule):
             },
             metrics={name.removeprefix("test/"): float(value) for name, value in results.items()},
             provenance={
-                "command": "python src/train.py " + choices["overrides"],
+                "command": choices["command"],
                 "data": config["data"]["path"],
                 "train_sequences": len(data.train_sequences),
                 "test_sequences": len(data.test_sequences),

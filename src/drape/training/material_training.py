@@ -72,7 +72,7 @@ class MaterialTraining(lightning.LightningModule):
             estimates={name: PhysMaterial.at(place)._asdict() for name, place in positions.items()},
             residuals=data.residuals({name: PhysMaterial.at(place) for name, place in positions.items()}),
             provenance={
-                "command": "python src/train.py " + choices["overrides"],
+                "command": choices["command"],
                 "data": config["data"]["path"],
                 "seed": config["seed"],
                 "scale": choices["scale"],

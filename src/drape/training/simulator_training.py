@@ -199,7 +199,7 @@ class SimulatorTraining(lightning.LightningModule):
                 "iterations": self.global_step,
                 "seconds": round(seconds, 1),
                 "parameters": sum(p.numel() for p in self.network.parameters()),
-                "command": "python src/train.py " + choices["overrides"],
+                "command": choices["command"],
                 "versions": versions(),
             },
             watched={name.removeprefix("val/"): value for name, value in watched.items()},

@@ -14,13 +14,13 @@ from drape.simulators.neural.kinematic_prior import KinematicPrior
 from drape.simulators.neural.neural import NeuralSimulator
 
 
-def kinematic(scene: Scene, share: float, distance: float, rounds: int, search_range: float) -> NeuralSimulator:
+def kinematic(scene: Scene, share: float, rounds: int, search_range: float) -> NeuralSimulator:
     """A :class:`KinematicPrior` with these numbers and a network that has learned nothing: no weight, no fabric.
 
     Raises:
         DrapeError: numbers out of range.
     """
-    prior = KinematicPrior(_Nothing(), share, distance, rounds, search_range)
+    prior = KinematicPrior(_Nothing(), share, rounds, search_range)
     return NeuralSimulator(prior, RecordedCloths(dict.fromkeys(ATTRIBUTES, 1.0)), scene)
 
 

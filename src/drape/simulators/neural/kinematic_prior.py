@@ -13,38 +13,41 @@ from drape.energy.step import Step
 from drape.errors import DrapeError
 from drape.simulators.neural.body_points import BodyPoints
 from drape.simulators.neural.edge_lengths import nearer_to_rest
+from drape.simulators.neural.rigid_motion import RigidMotion
 
 
 class KinematicPrior(nn.Module):
     """The acceleration [m/s²] after which ``x' = nearer_to_rest(x + dt (ṽ + dt network(x, ṽ)))``.
 
-    ``ṽ = v + share exp(-d / distance) (v_b - v)``, with the velocity v_b of the point of the body that is closest at
-    t and its distance d, is what the network is told as the velocity; it predicts what happens beyond. In recorded
-    garments (data=garments, 4 cm edges) going with the body leaves 29 % of the mean squared acceleration within 1.5 cm
-    of the body and 60 % within 10 cm; without it a network spends its first thousands of steps on learning as much.
-    :func:`nearer_to_rest` takes from its errors what is elastically dear. Ours, not the paper's.
+    ``ṽ = v + share (1 - (d / search_range)²) (v_b - v)``, with the distance d from the body and the velocity v_b that
+    the vertex would have if it were fixed to its closest point p there: ``v_b = v_p + (R - 1)(x - p) / dt``, R the
+    rotation of the body's closest points to the garment (:class:`RigidMotion`; each counts as much as it pulls). A
+    garment that moves rigidly with its body so goes on to. ṽ is what the network is told as the velocity; it predicts
+    what happens beyond. In recorded garments (data=garments, 4 cm edges) going with the body leaves 29 % of the mean
+    squared acceleration within 1.5 cm of the body and 60 % within 10 cm; without it a network spends its first
+    thousands of steps on learning as much. :func:`nearer_to_rest` takes from its errors what is elastically dear.
+    Ours, not the paper's.
 
     Args:
         network: what predicts the rest.
         share: of the relative velocity that is gone after a step, on the body itself; 0 leaves that out.
-        distance: at which the share has fallen to 1/e [m].
         rounds: of :func:`nearer_to_rest`; 0 leaves it out.
-        search_range: how far around the body faces are searched [m]; that of the contact energy shares its search.
+        search_range: how far around the body faces are searched [m], where the share has fallen to 0; that of the
+            contact energy shares its search.
 
     Raises:
         DrapeError: numbers out of range.
     """
 
-    def __init__(self, network: nn.Module, share: float, distance: float, rounds: int, search_range: float):
+    def __init__(self, network: nn.Module, share: float, rounds: int, search_range: float):
         super().__init__()
-        lengths = 0.0 < distance < math.inf and 0.0 < search_range < math.inf
-        if not (0.0 <= share <= 1.0 and lengths and rounds >= 0):
+        if not (0.0 <= share <= 1.0 and 0.0 < search_range < math.inf and rounds >= 0):
             raise DrapeError(
-                f"kinematic prior: share {share}, distance {distance} m, rounds {rounds}, search_range {search_range} "
-                "m; expected a share from 0 to 1, positive lengths, and no less than 0 rounds"
+                f"kinematic prior: share {share}, rounds {rounds}, search_range {search_range} m; expected a share "
+                "from 0 to 1, no less than 0 rounds, and a positive length"
             )
         self.network = network
-        self.share, self.distance, self.rounds, self.search_range = share, distance, rounds, search_range
+        self.share, self.rounds, self.search_range = share, rounds, search_range
 
     def forward(self, step: Step) -> Float[Tensor, "vertices 3"]:
         """In world axes and the precision of the step; 0 at pinned vertices."""
@@ -61,7 +64,10 @@ class KinematicPrior(nn.Module):
         if step.obstacle is None or self.share == 0.0:
             return step
         near = BodyPoints.of(step, self.search_range, self.search_range)
-        gone = self.share * torch.exp(-near.distance.clamp(min=0.0) / self.distance)
-        pulled = gone[:, None] * (near.velocity - step.v[near.vertices])
+        gone = self.share * (1.0 - (near.distance / self.search_range).clamp(0.0, 1.0).square())
+        mesh_of = step.mesh.mesh_of_vertex[near.vertices]
+        turn = RigidMotion.fit(near.x, near.x_next, gone, mesh_of, step.mesh.num_meshes)
+        beyond = turn.shift(step.x[near.vertices], mesh_of) - turn.shift(near.x, mesh_of)
+        pulled = gone[:, None] * (near.velocity + beyond / step.dt - step.v[near.vertices])
         v = step.v + torch.zeros_like(step.v).index_add(0, near.vertices, pulled) * step.free[:, None]
         return replace(step, v=v).with_nearest_faces(step.nearest_faces(self.search_range), self.search_range)

@@ -1,0 +1,18 @@
+"""What the user has typed, as it was typed: for records of how a result was made."""
+
+from __future__ import annotations
+
+import shlex
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import OmegaConf
+
+
+def typed() -> list[str]:
+    """The overrides of the Hydra run at hand; ``${shipped:law.ckpt}`` stays that, and not a path of this machine."""
+    return list(OmegaConf.to_container(HydraConfig.get().overrides.task, resolve=False))
+
+
+def command_line(program: str, overrides: list[str]) -> str:
+    """``python src/<program>.py overrides`` to be pasted into a shell."""
+    return shlex.join(["python", f"src/{program}.py", *overrides])
