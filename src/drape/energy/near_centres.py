@@ -7,8 +7,10 @@ triangles does not make the search among the small faces of a figure on it wider
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
@@ -16,8 +18,6 @@ from torch import Tensor
 
 from drape.scene.triangles import closest_on_triangles
 
-FIRST = 8
-"""Neighbours asked for first; points for which they are not enough ask for four times as many, and again."""
 SLACK = 1e-5
 """Share by which single precision may misjudge the distance to a centre."""
 CHUNK = 2**26
@@ -63,13 +63,11 @@ def pairs_in_reach(
     place = _apart(points, mesh)
     groups = [_Group(members, centres) for members in _classes(centres)]
     reach = points.new_full((len(points),), search_range)
-    firsts = [group.nearest(place, FIRST, search_range) for group in groups]
-    for group, (distance, index) in zip(groups, firsts, strict=True):
-        some = torch.isfinite(distance[:, 0]).nonzero()[:, 0]
-        nearest = group.members[index[some, 0]]
+    for group in groups:
+        some, nearest = group.nearest(place, search_range)
         _, bound = closest_on_triangles(gathered(points, some), gathered(corners, nearest))
         reach[some] = torch.minimum(reach[some], bound)
-    found = [group.pairs(place, reach, first) for group, first in zip(groups, firsts, strict=True)]
+    found = [group.pairs(place, reach) for group in groups]
     empty = torch.empty(0, dtype=torch.long, device=points.device)
     vertex, face = (torch.cat([empty, *(pair[end] for pair in found)]) for end in range(2))
     return Pairs(vertex, face, centres.radius[face])
@@ -100,39 +98,47 @@ class _Group:
         on_cpu = self.place.device.type == "cpu"
         self.tree = cKDTree(self.place.numpy(), balanced_tree=False, compact_nodes=False) if on_cpu else None
 
-    def nearest(self, place: Tensor, k: int, reach: float) -> tuple[Tensor, Tensor]:
-        """Distances and places in ``members`` of the k centres nearest to each point; infinite beyond what can matter.
+    def nearest(self, place: Tensor, reach: float) -> tuple[Tensor, Tensor]:
+        """Those of the points that have a face whose centre is near enough to matter, and the nearest such face."""
+        bound = reach * (1.0 + SLACK) + self.largest
+        if self.tree is not None:
+            found = self.tree.query(place.numpy(), distance_upper_bound=bound, workers=torch.get_num_threads())
+            distance, index = (torch.from_numpy(part) for part in found)
+        else:
+            parts = [self._distances(part).min(-1) for part in self._chunks(place)]
+            distance, index = (torch.cat(part) for part in zip(*parts, strict=True))
+        some = (distance <= bound).nonzero()[:, 0]
+        return some, self.members[index[some]]
+
+    def pairs(self, place: Tensor, reach: Tensor) -> tuple[Tensor, Tensor]:
+        """All (point, face) with the centre within ``reach`` plus the radius of the face."""
+        limit = reach * (1.0 + SLACK)
+        row, member = self._within(place, limit + self.largest)
+        distance = (place.index_select(0, row) - self.place.index_select(0, member)).norm(dim=-1)
+        near = distance <= limit[row] + self.radius[member] * (1.0 + SLACK)
+        return row[near], self.members[member[near]]
+
+    def _within(self, place: Tensor, radius: Tensor) -> tuple[Tensor, Tensor]:
+        """All (point, place in ``members``) no farther apart than ``radius``.
 
         k-d tree on the CPU; on a device all distances, a chunk at a time, so that the positions stay there.
         """
-        k, bound = min(k, len(self.members)), reach * (1.0 + SLACK) + self.largest
         if self.tree is not None:
-            distance, index = self.tree.query(
-                place.numpy(), list(range(1, k + 1)), distance_upper_bound=bound, workers=torch.get_num_threads()
-            )
-            return torch.from_numpy(distance), torch.from_numpy(index)
-        parts = [self._chunk(part, k, bound) for part in place.split(max(1, CHUNK // len(self.members)))]
-        return torch.cat([part[0] for part in parts]), torch.cat([part[1] for part in parts])
+            threads = torch.get_num_threads()
+            found = self.tree.query_ball_point(place.numpy(), radius.numpy(), workers=threads, return_sorted=False)
+            count = np.fromiter(map(len, found), np.int64, len(found))
+            member = np.fromiter(chain.from_iterable(found), np.int64, count.sum())
+            return torch.from_numpy(np.repeat(np.arange(len(found)), count)), torch.from_numpy(member)
+        every = torch.arange(len(place), device=place.device)
+        pairs = []
+        for part in self._chunks(every):
+            row, member = (self._distances(place[part]) <= radius[part, None]).nonzero(as_tuple=True)
+            pairs.append((part[row], member))
+        row, member = (torch.cat(part) for part in zip(*pairs, strict=True))
+        return row, member
 
-    def _chunk(self, place: Tensor, k: int, bound: float) -> tuple[Tensor, Tensor]:
-        every = torch.cdist(place, self.place, compute_mode="donot_use_mm_for_euclid_dist")
-        distance, index = every.topk(k, largest=False)
-        return distance.masked_fill(distance > bound, torch.inf), index
+    def _chunks(self, values: Tensor) -> tuple[Tensor, ...]:
+        return values.split(max(1, CHUNK // len(self.members)))
 
-    def pairs(self, place: Tensor, reach: Tensor, first: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
-        """All (point, face) with the centre within ``reach`` plus the radius; asks on where ``first`` ends early."""
-        vertices, faces = [], []
-        rows = torch.arange(len(place), device=place.device)
-        distance, index = first
-        while True:
-            limit = reach[rows] * (1.0 + SLACK)
-            more = (distance[:, -1] <= limit + self.largest) & (distance.shape[1] < len(self.members))
-            row, column = (torch.isfinite(distance) & ~more[:, None]).nonzero(as_tuple=True)
-            member = index[row, column]
-            within = distance[row, column] <= limit[row] + self.radius[member] * (1.0 + SLACK)
-            vertices.append(rows[row[within]])
-            faces.append(self.members[member[within]])
-            rows = rows[more]
-            if not len(rows):
-                return torch.cat(vertices), torch.cat(faces)
-            distance, index = self.nearest(place[rows], 4 * distance.shape[1], float(reach[rows].max()))
+    def _distances(self, place: Tensor) -> Tensor:
+        return torch.cdist(place, self.place, compute_mode="donot_use_mm_for_euclid_dist")
