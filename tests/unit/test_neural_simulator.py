@@ -206,6 +206,9 @@ def test_the_potential_is_its_terms_per_mass_with_their_gradient(data):
     mass = step.mesh.sum_vertices(step.mass)
     for term in (Inertia(), Gravity()):
         assert float(values[term.name]) == pytest.approx(float((term(prediction.x_next, step) / mass).mean()))
+    joules = potential().joules(values, prediction)
+    assert list(joules) == list(values)
+    assert float(joules["gravity"]) == pytest.approx(float(Gravity()(prediction.x_next, step).mean()))
     sum(values.values()).backward()
     terms = potential().terms(prediction)
     expected = sum(term.energy_and_gradient(prediction.x_next, step)[1] for term in terms)

@@ -65,6 +65,10 @@ class Potential(PredictionLoss):
             values[term.name] = (energy / mass).mean()
         return values
 
+    def joules(self, values: dict[str, Tensor], prediction: Prediction) -> dict[str, Tensor]:
+        mass = prediction.step.mass.sum() / prediction.step.mesh.num_meshes
+        return {term.name: mass * values[term.name].detach() for term in self.terms(prediction)}
+
     def terms(self, prediction: Prediction) -> list[EnergyTerm]:
         """The summands of the potential at this point of the training."""
         first, begin, end = self.ramp

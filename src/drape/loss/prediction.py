@@ -40,6 +40,10 @@ class PredictionLoss(nn.Module, ABC):
     def forward(self, prediction: Prediction) -> dict[str, Tensor]:
         """The unweighted summands by name, means over the garments."""
 
+    def joules(self, values: dict[str, Tensor], prediction: Prediction) -> dict[str, Tensor]:
+        """Those of the summands that are energies, for a garment of mean mass [J]; to be looked at."""
+        return {}
+
     def total(self, values: dict[str, Tensor]) -> Tensor:
         """What is minimised: ``weight · Σ values``."""
         return self.weight * torch.stack([value.double() for value in values.values()]).sum()

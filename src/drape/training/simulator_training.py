@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -44,7 +45,8 @@ class SimulatorTraining(lightning.LightningModule):
     Args:
         network: predicts accelerations [m/s²] of the vertices from a step.
         cloths: what the garments are made of.
-        loss: summands by name; logged as ``train/loss/<summand>``.
+        loss: summands by name; logged as ``train/loss/<summand>``, energies also as ``train/energy_J/<summand>``,
+            with ``train/ms_per_step`` of a rollout.
         optimizer: makes the optimiser from the parameters.
         schedule: learning rate over the progress of the training.
         curriculum: how rollouts grow and begin.
@@ -103,6 +105,7 @@ class SimulatorTraining(lightning.LightningModule):
 
     def training_step(self, rollout: GarmentRollout, batch_idx: int) -> None:
         """Roll out, and update."""
+        began = time.perf_counter()
         generator = torch.Generator().manual_seed((self._seed * 1_000_003 + self.global_step) * 64 + self.global_rank)
         length = min(self._curriculum.length(self.global_step), rollout.length)
         cloth = self.cloths.draw(rollout, self.materials, generator)
@@ -120,8 +123,10 @@ class SimulatorTraining(lightning.LightningModule):
             if (k + 1) % every == 0:
                 self._update(optimizer, last=k + 1 == length)
             x, v = x_next.detach(), (x_next.detach() - x) / rollout.dt
-        logged = {f"train/loss/{name}": value / length for name, value in sums.items()}
-        self.log_dict(logged | {"train/rollout_length": float(length)}, batch_size=rollout.mesh.num_meshes)
+        logged = {f"train/{name}": value / length for name, value in sums.items()}
+        logged |= {"train/rollout_length": float(length)}
+        logged |= {"train/ms_per_step": 1e3 * (time.perf_counter() - began) / length}
+        self.log_dict(logged, batch_size=rollout.mesh.num_meshes)
 
     def _begin(
         self, rollout: GarmentRollout, generator: torch.Generator
@@ -139,7 +144,7 @@ class SimulatorTraining(lightning.LightningModule):
         return rollout, outside, v
 
     def _judged(self, prediction: Prediction, rollout: GarmentRollout, sums: dict[str, Tensor]) -> Tensor:
-        """The sum of the losses; their summands are added to ``sums``."""
+        """The sum of the losses; their summands are added to ``sums``, as they are and as energies."""
         totals = []
         for loss in self.loss.values():
             values = loss(prediction)
@@ -150,7 +155,9 @@ class SimulatorTraining(lightning.LightningModule):
                         f"{', '.join(rollout.names)}; the last checkpoint is from before; lower the learning rate or "
                         "look at the data"
                     )
-                sums[name] = sums.get(name, 0.0) + value.detach()
+            shown = {f"loss/{name}": value.detach() for name, value in values.items()}
+            shown |= {f"energy_J/{name}": value for name, value in loss.joules(values, prediction).items()}
+            sums |= {name: sums.get(name, 0.0) + value for name, value in shown.items()}
             totals.append(loss.total(values))
         return torch.stack(totals).sum()
 
