@@ -126,6 +126,16 @@ def test_rows_have_the_papers_names(row: str, ablation: str, label: str):
     assert row_label(record("any", 1.0, trained(row, ablation=ablation))) == label
 
 
+def test_solvers_are_named_by_their_energies_unless_the_user_has_named_them():
+    """And by their names as well where the same one was evaluated with several laws."""
+    solver = {"energy": {}}
+    found = [record(name, 5.0, method=solver) for name in ("implicit_phys", "implicit_eunet", "mine")]
+    assert {row.label for row in garment_rows(found)} == {"solver + PHYS", "solver + EUNet", "mine"}
+    found = [record(name, 5.0, method=solver) for name in ("implicit_eunet_baked", "implicit_eunet_baked_garment")]
+    labels = [f"solver + baked EUNet [name implicit_eunet_baked{end}]" for end in ("", "_garment")]
+    assert sorted(row.label for row in garment_rows(found)) == labels
+
+
 def test_seeds_are_averaged_and_their_range_is_stated():
     """Means 10, 20, 60 -> 30; deviations 1, 2, 6 -> 3, which is not the deviation of anything pooled."""
     found = [record(f"hood_seed{k}", e, trained("hood", seed=k)) for k, e in ((2, 60.0), (0, 10.0), (1, 20.0))]

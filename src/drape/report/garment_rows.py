@@ -112,14 +112,13 @@ def training_of(record: EvaluationRecord) -> Mapping[str, Any]:
 
 
 def row_label(record: EvaluationRecord) -> str:
-    """The paper's name of a trained simulator, else the name of the evaluation."""
+    """The paper's name of a trained simulator, solver and energy, or else the name of the evaluation."""
     if is_twin(record):
         return FLOOR
     training = training_of(record)
     if not training:
-        return (
-            OF_SEED.sub("", str(record.method["name"])) if seed_of(record) is not None else str(record.method["name"])
-        )
+        name = str(record.method["name"])
+        return published()["solvers"].get(name, OF_SEED.sub("", name) if seed_of(record) is not None else name)
     row, ablation = training["row"], str(training.get("ablation", "none"))
     known = published()["labels"].get(row, {"none": row})
     return known.get(ablation, f"{known['none']} ({ablation})")

@@ -19,7 +19,7 @@ body {
   margin: 0; background: var(--page); color: var(--ink); line-height: 1.55;
   font-family: system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif;
 }
-header, main, footer { max-width: 78rem; margin: 0 auto; padding: 0 1.25rem; }
+header, main, footer { max-width: 84rem; margin: 0 auto; padding: 0 1.25rem; }
 header { padding-top: 2.75rem; padding-bottom: .5rem; }
 h1 { font-size: clamp(1.7rem, 4vw, 2.4rem); line-height: 1.15; letter-spacing: -.02em; margin: 0 0 .6rem; }
 h2 { font-size: 1.45rem; letter-spacing: -.01em; margin: 3rem 0 .4rem; }
@@ -30,7 +30,7 @@ p { margin: .4rem 0; max-width: 62rem; }
 a { color: var(--accent); text-decoration-thickness: 1px; text-underline-offset: 2px; }
 nav { position: sticky; top: 0; z-index: 5; background: color-mix(in srgb, var(--page) 88%, transparent);
   backdrop-filter: blur(8px); border-bottom: 1px solid var(--line); }
-nav ul { max-width: 78rem; margin: 0 auto; padding: .55rem 1.25rem; display: flex; gap: 1.4rem; list-style: none;
+nav ul { max-width: 84rem; margin: 0 auto; padding: .55rem 1.25rem; display: flex; gap: 1.4rem; list-style: none;
   overflow-x: auto; white-space: nowrap; font-size: .92rem; }
 nav a { text-decoration: none; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .8rem; margin: 1.4rem 0; }
@@ -40,8 +40,8 @@ nav a { text-decoration: none; }
 .tile span { color: var(--soft); font-size: .875rem; }
 .table { overflow-x: auto; background: var(--card); border: 1px solid var(--line); border-radius: .7rem;
   box-shadow: var(--shadow); margin: .8rem 0; }
-table { border-collapse: collapse; width: 100%; font-size: .84rem; font-variant-numeric: tabular-nums; }
-th, td { padding: .4rem .62rem; text-align: right; white-space: nowrap; vertical-align: baseline; }
+table { border-collapse: collapse; width: 100%; font-size: .8rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .4rem .42rem; text-align: right; white-space: nowrap; vertical-align: baseline; }
 td small { display: block; color: var(--soft); font-size: .74rem; font-weight: 400; line-height: 1.2; }
 th:first-child { text-align: left; position: sticky; left: 0; background: var(--card); }
 thead th { border-bottom: 1px solid var(--line); color: var(--soft); font-weight: 600; }
