@@ -228,8 +228,12 @@ def test_edges_come_nearer_to_rest_and_pins_stay():
         first, second = mesh.edges.unbind(1)
         return float(((x[second] - x[first]).norm(dim=1) / mesh.rest_lengths - 1.0).square().mean())
 
-    errors = [off(nearer_to_rest(x, mesh, free, rounds)) for rounds in (0, 1, 4, 16, 64)]
-    assert all(after < 0.8 * before for before, after in zip(errors[:-1], errors[1:], strict=True))
+    errors = [off(nearer_to_rest(x, mesh, free, rounds)) for rounds in (0, 4, 16, 64)]
+    assert all(after < 0.9 * before for before, after in zip(errors[:-1], errors[1:], strict=True))
+    plain = x
+    for _ in range(16):  # each by itself: Jacobi's, without Chebyshev's weights
+        plain = nearer_to_rest(plain, mesh, free, 1)
+    assert errors[2] < 0.8 * off(plain)
     assert torch.equal(nearer_to_rest(x, mesh, free, 4)[:3], x[:3])
 
 

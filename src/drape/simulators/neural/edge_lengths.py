@@ -9,22 +9,37 @@ from torch import Tensor
 from drape.scene.geometry import TINY, safe_norm
 from drape.scene.mesh_batch import MeshBatch
 
+RADIUS = 0.97
+"""Eigenvalues up to this one are damped alike; those beyond change more slowly."""
+
 
 def nearer_to_rest(
     x: Float[Tensor, "vertices 3"], mesh: MeshBatch, free: Bool[Tensor, " vertices"], rounds: int
 ) -> Float[Tensor, "vertices 3"]:
-    """``rounds`` times ``x_i += mean_j (1 - r_ij / |x_j - x_i|) (x_j - x_i)`` over the edges of each free vertex [m].
+    """``rounds`` of ``x_i += mean_j (1 - r_ij / |x_j - x_i|) (x_j - x_i)`` over the edges of each free vertex [m].
 
-    Jacobi's iteration on ``Σ (|x_j - x_i| - r)²`` with the number of edges of each vertex for its diagonal: by
-    Gershgorin its linear part has eigenvalues from -1 to 1, so it never grows. Four rounds leave 30 % of the elastic
-    energy of recorded garments that have moved on for a frame, sixteen 16 %. Differentiable.
+    Jacobi's iteration on ``Σ (|x_j - x_i| - r)²`` with the number of edges of each vertex for its diagonal, accelerated
+    by Chebyshev's weights (Wang 2015, "A Chebyshev semi-iterative approach for accelerating projective and
+    position-based dynamics"). By Gershgorin the linear part of Jacobi's has eigenvalues from -1 to 1, where Chebyshev's
+    polynomials stay within -1 and 1, so it never grows. Sixteen rounds leave as much strain as 64 without the weights:
+    about that of recorded garments. Differentiable.
     """
     first, second = mesh.edges.unbind(-1)
     rest = mesh.rest_lengths.to(x)[:, None]
     degree = mesh.edges.flatten().bincount(minlength=len(x)).clamp(min=1)
     share = (free / degree).to(x)[:, None]
-    for _ in range(rounds):
+    before, weight = x, 1.0
+    for k in range(rounds):
         arm = x.index_select(0, second) - x.index_select(0, first)
         change = (1.0 - rest / safe_norm(arm, TINY)[:, None]) * arm
-        x = x + share * torch.zeros_like(x).index_add(0, first, change).index_add(0, second, -change)
+        after = x + share * torch.zeros_like(x).index_add(0, first, change).index_add(0, second, -change)
+        weight = _next_weight(k, weight)
+        before, x = x, before + weight * (after - before)
     return x
+
+
+def _next_weight(k: int, weight: float) -> float:
+    """Chebyshev's weight of round k from that of the one before."""
+    if k < 2:
+        return (1.0, 2.0 / (2.0 - RADIUS**2))[k]
+    return 4.0 / (4.0 - RADIUS**2 * weight)
