@@ -51,6 +51,9 @@ class Newton(Potential):
         distance = (prediction.x_next - (x_next - z))[step.free] / (step.dt**2 * self.scale)
         return values | {"newton": 0.5 * distance.square().sum(-1).mean()}
 
+    def joules(self, values: dict[str, Tensor], prediction: Prediction) -> dict[str, Tensor]:
+        return super().joules({name: value for name, value in values.items() if name != "newton"}, prediction)
+
     def total(self, values: dict[str, Tensor]) -> Tensor:
         return self.weight * values["newton"]
 

@@ -67,7 +67,7 @@ class Potential(PredictionLoss):
 
     def joules(self, values: dict[str, Tensor], prediction: Prediction) -> dict[str, Tensor]:
         mass = prediction.step.mass.sum() / prediction.step.mesh.num_meshes
-        return {term.name: mass * values[term.name].detach() for term in self.terms(prediction)}
+        return {name: mass * energy.detach() for name, energy in values.items()}
 
     def terms(self, prediction: Prediction) -> list[EnergyTerm]:
         """The summands of the potential at this point of the training."""
