@@ -11,6 +11,7 @@ import pytest
 import torch
 from torch import nn
 
+from drape.energy import mesh_distances
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
 from drape.nets.layers_transformer import LayersTransformer
@@ -204,8 +205,9 @@ def test_faces_without_area(step):
 def test_nearest_points(device, monkeypatch):
     """The few nearest of the own mesh within reach, against all distances."""
     if device == "chunks":
-        monkeypatch.setattr(nearest_points, "_from_tree", lambda p, t, k, _: nearest_points._from_chunks(p, t, k))
-        monkeypatch.setattr(nearest_points, "CHUNK", 100)
+        other = lambda *_: nearest_points._from_distances(points, of_point, targets, of_target, 4)  # noqa: E731
+        monkeypatch.setattr(nearest_points, "_from_tree", other)
+        monkeypatch.setattr(mesh_distances, "CHUNK", 200)
     points, targets = torch.rand(40, 3).double(), torch.rand(60, 3).double()
     of_point, of_target = torch.arange(40) % 2, torch.arange(60) % 3
     near = NearestPoints.find(points, of_point, targets, of_target, 4, 0.4)

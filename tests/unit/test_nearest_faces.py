@@ -9,7 +9,7 @@ import pytest
 import torch
 import trimesh
 
-from drape.energy import near_centres
+from drape.energy import mesh_distances, near_centres
 from drape.energy.nearest_faces import NearestFaces
 from drape.scene.triangles import closest_on_triangles
 
@@ -73,13 +73,18 @@ BODIES = {
 }
 
 
+def on_device(monkeypatch):
+    """Search as on a device, a few points at a time."""
+    monkeypatch.setattr(near_centres, "_from_trees", lambda p, m, _, c, r: near_centres._from_distances(p, m, c, r))
+    monkeypatch.setattr(mesh_distances, "CHUNK", 10_000)
+
+
 @pytest.mark.parametrize("device", ["tree", "chunks"])
 @pytest.mark.parametrize("body", BODIES)
 def test_nearest_and_side(body, device, monkeypatch):
     """The distance is the smallest of all, the side that of the winding number, the face one at this distance."""
     if device == "chunks":
-        monkeypatch.setattr(near_centres, "cKDTree", lambda *_, **__: None)
-        monkeypatch.setattr(near_centres, "CHUNK", 10_000)
+        on_device(monkeypatch)
     mesh = BODIES[body]()
     assert mesh.is_volume
     faces, vertices = tensors(mesh)
@@ -98,8 +103,11 @@ def test_nearest_and_side(body, device, monkeypatch):
     torch.testing.assert_close((arm * near.end.normal).sum(-1), near.height, rtol=1e-9, atol=1e-12)
 
 
-def test_only_within_range_and_only_the_own_body():
+@pytest.mark.parametrize("device", ["tree", "chunks"])
+def test_only_within_range_and_only_the_own_body(device, monkeypatch):
     """Two cloths at one place: each sees the body that is its own; far vertices are not in the result."""
+    if device == "chunks":
+        on_device(monkeypatch)
     sphere = trimesh.creation.icosphere(subdivisions=2, radius=0.3)
     faces, vertices = tensors(sphere)
     both = torch.cat([vertices, vertices + torch.tensor([0.0, 0.0, 1.0])])

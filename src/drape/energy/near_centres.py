@@ -16,21 +16,21 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from drape.energy.mesh_distances import mesh_distances
 from drape.scene.triangles import closest_on_triangles
 
 SLACK = 1e-5
-"""Share by which single precision may misjudge the distance to a centre."""
-CHUNK = 2**26
-"""Distances held at a time on a device."""
-
+"""Share by which rounding may misjudge the distance to a centre."""
 APART = 1e6
 """Distance between bodies of different cloths in the fourth coordinate [m]."""
 
 
 class Centres(NamedTuple):
-    """Centres and radii of the faces of all bodies; bodies of different cloths stand apart in a fourth coordinate."""
+    """Centres and radii of the faces of all bodies."""
 
-    place: Float[Tensor, "faces 4"]
+    place: Float[Tensor, "faces 3"]
+    mesh: Int[Tensor, " faces"]
+    """The cloth whose obstacle a face is of."""
     radius: Float[Tensor, " faces"]
     size: Tensor
     """Size class of each face: the exponent of its radius to base 2."""
@@ -40,7 +40,7 @@ class Centres(NamedTuple):
         """Of triangles with the numbers of the cloths whose obstacles they are."""
         centre = corners.mean(1)
         radius = (corners - centre[:, None]).norm(dim=-1).amax(-1)
-        return cls(_apart(centre, mesh), radius, radius.log2().floor().long())
+        return cls(centre, mesh, radius, radius.log2().floor().long())
 
 
 class Pairs(NamedTuple):
@@ -59,7 +59,35 @@ def pairs_in_reach(
     centres: Centres,
     search_range: float,
 ) -> Pairs:
-    """All pairs among which the nearest face of each point within ``search_range`` is found."""
+    """All pairs among which the nearest face of each point within ``search_range`` is found.
+
+    k-d trees on the CPU; on a device all distances, so that the positions stay there.
+    """
+    if not len(points) or not len(corners):
+        vertex = face = torch.empty(0, dtype=torch.long, device=points.device)
+    elif points.device.type == "cpu":
+        vertex, face = _from_trees(points, mesh, corners, centres, search_range)
+    else:
+        vertex, face = _from_distances(points, mesh, centres, search_range)
+    return Pairs(vertex, face, centres.radius[face])
+
+
+def _from_distances(points: Tensor, mesh: Tensor, centres: Centres, search_range: float) -> tuple[Tensor, Tensor]:
+    """The centre of a face is on it, so that the nearest face is no farther away than the nearest centre."""
+    pairs = []
+    for point, is_there, face, distance in mesh_distances(points, mesh, centres.place, centres.mesh):
+        reach = distance.amin(-1, keepdim=True).clamp(max=search_range)
+        near = distance <= (reach + centres.radius[face][:, None]) * (1.0 + SLACK)
+        of_mesh, row, column = (near & is_there[..., None] & distance.isfinite()).nonzero(as_tuple=True)
+        pairs.append((point[of_mesh, row], face[of_mesh, column]))
+    vertex, face = (torch.cat(part) for part in zip(*pairs, strict=True))
+    return vertex, face
+
+
+def _from_trees(
+    points: Tensor, mesh: Tensor, corners: Tensor, centres: Centres, search_range: float
+) -> tuple[Tensor, Tensor]:
+    """Points of different cloths stand apart in a fourth coordinate."""
     place = _apart(points, mesh)
     groups = [_Group(members, centres) for members in _classes(centres)]
     reach = points.new_full((len(points),), search_range)
@@ -68,9 +96,8 @@ def pairs_in_reach(
         _, bound = closest_on_triangles(gathered(points, some), gathered(corners, nearest))
         reach[some] = torch.minimum(reach[some], bound)
     found = [group.pairs(place, reach) for group in groups]
-    empty = torch.empty(0, dtype=torch.long, device=points.device)
-    vertex, face = (torch.cat([empty, *(pair[end] for pair in found)]) for end in range(2))
-    return Pairs(vertex, face, centres.radius[face])
+    vertex, face = (torch.cat([pair[end] for pair in found]) for end in range(2))
+    return vertex, face
 
 
 def gathered(values: Float[Tensor, "all ..."], index: Int[Tensor, " chosen"]) -> Float[Tensor, "... chosen"]:
@@ -92,21 +119,16 @@ class _Group:
 
     def __init__(self, members: Int[Tensor, " members"], centres: Centres):
         self.members = members
-        self.place = centres.place[members]
+        self.place = _apart(centres.place[members], centres.mesh[members])
         self.radius = centres.radius[members]
         self.largest = float(self.radius.max()) * (1.0 + SLACK)
-        on_cpu = self.place.device.type == "cpu"
-        self.tree = cKDTree(self.place.numpy(), balanced_tree=False, compact_nodes=False) if on_cpu else None
+        self.tree = cKDTree(self.place.numpy(), balanced_tree=False, compact_nodes=False)
 
     def nearest(self, place: Tensor, reach: float) -> tuple[Tensor, Tensor]:
         """Those of the points that have a face whose centre is near enough to matter, and the nearest such face."""
         bound = reach * (1.0 + SLACK) + self.largest
-        if self.tree is not None:
-            found = self.tree.query(place.numpy(), distance_upper_bound=bound, workers=torch.get_num_threads())
-            distance, index = (torch.from_numpy(part) for part in found)
-        else:
-            parts = [self._distances(part).min(-1) for part in self._chunks(place)]
-            distance, index = (torch.cat(part) for part in zip(*parts, strict=True))
+        found = self.tree.query(place.numpy(), distance_upper_bound=bound, workers=torch.get_num_threads())
+        distance, index = (torch.from_numpy(part) for part in found)
         some = (distance <= bound).nonzero()[:, 0]
         return some, self.members[index[some]]
 
@@ -119,26 +141,9 @@ class _Group:
         return row[near], self.members[member[near]]
 
     def _within(self, place: Tensor, radius: Tensor) -> tuple[Tensor, Tensor]:
-        """All (point, place in ``members``) no farther apart than ``radius``.
-
-        k-d tree on the CPU; on a device all distances, a chunk at a time, so that the positions stay there.
-        """
-        if self.tree is not None:
-            threads = torch.get_num_threads()
-            found = self.tree.query_ball_point(place.numpy(), radius.numpy(), workers=threads, return_sorted=False)
-            count = np.fromiter(map(len, found), np.int64, len(found))
-            member = np.fromiter(chain.from_iterable(found), np.int64, count.sum())
-            return torch.from_numpy(np.repeat(np.arange(len(found)), count)), torch.from_numpy(member)
-        every = torch.arange(len(place), device=place.device)
-        pairs = []
-        for part in self._chunks(every):
-            row, member = (self._distances(place[part]) <= radius[part, None]).nonzero(as_tuple=True)
-            pairs.append((part[row], member))
-        row, member = (torch.cat(part) for part in zip(*pairs, strict=True))
-        return row, member
-
-    def _chunks(self, values: Tensor) -> tuple[Tensor, ...]:
-        return values.split(max(1, CHUNK // len(self.members)))
-
-    def _distances(self, place: Tensor) -> Tensor:
-        return torch.cdist(place, self.place, compute_mode="donot_use_mm_for_euclid_dist")
+        """All (point, place in ``members``) no farther apart than ``radius``."""
+        threads = torch.get_num_threads()
+        found = self.tree.query_ball_point(place.numpy(), radius.numpy(), workers=threads, return_sorted=False)
+        count = np.fromiter(map(len, found), np.int64, len(found))
+        member = np.fromiter(chain.from_iterable(found), np.int64, count.sum())
+        return torch.from_numpy(np.repeat(np.arange(len(found)), count)), torch.from_numpy(member)

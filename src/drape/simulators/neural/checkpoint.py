@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -57,9 +58,17 @@ def describe_simulator(config: dict[str, Any], training: dict[str, Any], network
 def load_simulator(path: str | Path) -> Trained:
     """The simulator of a checkpoint of ``train.py``, after its stored example has been predicted again.
 
+    The file that was read last is read again only when it has changed.
+
     Raises:
         DrapeError: no such checkpoint, one of an energy, or the example differs.
     """
+    path = Path(path)
+    return _read(path, path.stat().st_mtime_ns if path.is_file() else None)
+
+
+@lru_cache(maxsize=1)
+def _read(path: Path, _changed: int | None) -> Trained:
     content = read_checkpoint(path)
     described = content["drape"]
     if "simulator" not in described:

@@ -88,7 +88,8 @@ class LearnedCloths:
     def draw(self, rollout: GarmentRollout, materials: Mapping[str, Material], generator: torch.Generator) -> Cloth:
         names = rollout.fabrics
         name = names[int(torch.randint(len(names), (), generator=generator))]
-        cloth = _cloth(rollout, [materials[name]] * rollout.mesh.num_meshes, self, self.terms(materials[name]))
+        terms = [term.to(rollout.x.device) for term in self.terms(materials[name])]
+        cloth = _cloth(rollout, [materials[name]] * rollout.mesh.num_meshes, self, terms)
         return forced(cloth, rollout, self.force, generator)
 
     def terms(self, material: Material) -> Sequence[EnergyTerm]:

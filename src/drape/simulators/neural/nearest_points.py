@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-CHUNK = 2**26
-"""Distances held at a time on a device."""
+from drape.energy.mesh_distances import mesh_distances
+
 APART = 1e6
 """Distance between points of different cloths in the fourth coordinate [m]."""
 
@@ -34,18 +34,18 @@ class NearestPoints(NamedTuple):
     ) -> NearestPoints:
         """At most ``nearest`` targets of the same mesh, at most ``reach`` [m] away; no graph.
 
-        k-d tree on the CPU; on a device all distances, a chunk at a time, so that the points stay there.
+        k-d tree on the CPU; on a device all distances, so that the points stay there.
         """
         nearest = min(nearest, len(targets))
         if not nearest:
             none = mesh_of_point.new_zeros(len(points), 0)
             return cls(none, none.bool())
         with torch.no_grad():
-            points, targets = _apart(points, mesh_of_point), _apart(targets, mesh_of_target)
             if points.device.type == "cpu":
-                distance, index = _from_tree(points, targets, nearest, reach)
+                apart = _apart(points, mesh_of_point), _apart(targets, mesh_of_target)
+                distance, index = _from_tree(*apart, nearest, reach)
             else:
-                distance, index = _from_chunks(points, targets, nearest)
+                distance, index = _from_distances(points, mesh_of_point, targets, mesh_of_target, nearest)
             found = distance <= reach
             return cls(index.masked_fill(~found, 0), found)
 
@@ -68,9 +68,14 @@ def _from_tree(points: Tensor, targets: Tensor, nearest: int, reach: float) -> t
     return torch.from_numpy(distance), torch.from_numpy(index)
 
 
-def _from_chunks(points: Tensor, targets: Tensor, nearest: int) -> tuple[Tensor, Tensor]:
-    parts = []
-    for part in points.split(max(1, CHUNK // max(1, len(targets)))):
-        every = torch.cdist(part, targets, compute_mode="donot_use_mm_for_euclid_dist")
-        parts.append(every.topk(nearest, largest=False))
-    return torch.cat([part[0] for part in parts]), torch.cat([part[1] for part in parts])
+def _from_distances(
+    points: Tensor, mesh_of_point: Tensor, targets: Tensor, mesh_of_target: Tensor, nearest: int
+) -> tuple[Tensor, Tensor]:
+    distance = points.new_full((len(points), nearest), torch.inf, dtype=torch.float64)
+    index = mesh_of_point.new_zeros(len(points), nearest)
+    for point, is_there, target, apart in mesh_distances(points, mesh_of_point, targets, mesh_of_target):
+        found, column = apart.topk(min(nearest, apart.shape[-1]), largest=False)
+        chosen = target[:, None].expand(-1, apart.shape[1], -1).gather(-1, column)
+        distance[point[is_there], : found.shape[-1]] = found[is_there]
+        index[point[is_there], : found.shape[-1]] = chosen[is_there]
+    return distance, index

@@ -1,0 +1,49 @@
+"""All distances between points of the same cloth, for devices, where a k-d tree would be far away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+CHUNK = 2**26
+"""Distances held at a time."""
+
+
+class OfMeshes(NamedTuple):
+    """Which rows belong to each mesh, side by side; meshes with fewer are filled up."""
+
+    row: Int[Tensor, "meshes most"]
+    is_there: Bool[Tensor, "meshes most"]
+
+    @classmethod
+    def of(cls, mesh_of: Int[Tensor, " rows"], num_meshes: int) -> OfMeshes:
+        """Of rows with the numbers of their meshes, in any order."""
+        count = mesh_of.bincount(minlength=num_meshes)
+        place = torch.arange(int(count.max()), device=mesh_of.device)
+        first = count.cumsum(0) - count
+        row = (first[:, None] + place).clamp(max=len(mesh_of) - 1)
+        return cls(mesh_of.argsort(stable=True)[row], place < count[:, None])
+
+
+def mesh_distances(
+    points: Float[Tensor, "points 3"],
+    mesh_of_point: Int[Tensor, " points"],
+    targets: Float[Tensor, "targets 3"],
+    mesh_of_target: Int[Tensor, " targets"],
+) -> Iterator[tuple[Int[Tensor, "meshes some"], Bool[Tensor, "meshes some"], Int[Tensor, "meshes most"], Tensor]]:
+    """(points, whether they are there, targets, distances between them [m]) of each mesh, some points at a time.
+
+    Distances are of shape (meshes, some, most), from scalar products in float64: exact to 1e-8 m where coordinates are
+    below 1 m; infinite to targets that are not there.
+    """
+    num_meshes = 1 + int(torch.maximum(mesh_of_point.max(), mesh_of_target.max()))
+    of_points, of_targets = OfMeshes.of(mesh_of_point, num_meshes), OfMeshes.of(mesh_of_target, num_meshes)
+    there = targets.double()[of_targets.row]
+    some = max(1, CHUNK // of_targets.row.numel())
+    for row, is_there in zip(of_points.row.split(some, 1), of_points.is_there.split(some, 1), strict=True):
+        distance = torch.cdist(points.double()[row], there, compute_mode="use_mm_for_euclid_dist")
+        yield row, is_there, of_targets.row, distance.masked_fill_(~of_targets.is_there[:, None], torch.inf)
