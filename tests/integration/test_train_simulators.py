@@ -15,7 +15,7 @@ from drape.data.animation_hdf5 import AnimationFile
 from tests import garments
 from tests.integration.conftest import in_process, program
 
-ROWS = ["mgn", "layersnet", "mgn_s_phys", "mgn_s_phys_f", "hood", "mgn_s_eunet", "mgn_h_eunet"]
+ROWS = ["mgn", "layersnet", "mgn_s_phys", "mgn_s_phys_f", "hood", "mgn_s_eunet", "mgn_h_eunet", "mgn_s_eunet_newton"]
 KILL = "+callbacks.kill={_target_: tests.integration.kill.KillAt, step: 5}"
 
 

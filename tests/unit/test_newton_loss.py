@@ -43,8 +43,8 @@ class Tethers(EnergyTerm):
         return [Stencils(step.mesh.edges, block.expand(len(step.mesh.edges), 2, 3, 2, 3))]
 
 
-def newton(longest: float = 10.0, **changes: object) -> Newton:
-    return Newton(scale=9.81, longest=longest, weight=1.0, **(CONTACT | changes))
+def newton(longest: float = 10.0, energies: float = 0.0, **changes: object) -> Newton:
+    return Newton(energies=energies, scale=9.81, longest=longest, **({"weight": 1.0} | CONTACT | changes))
 
 
 def free_of_body(*meshes) -> tuple[Step, Tensor]:
@@ -189,21 +189,19 @@ def test_a_second_step_of_the_same_mesh_is_not_the_first_again():
     torch.testing.assert_close(again[1], fresh[1])
 
 
-def test_energies_are_logged_and_have_no_part():
-    """They are those of the potential, per mass; without graph, and not in the total."""
+def test_energies_are_those_of_the_potential():
+    """They are logged, and count as much as they are asked to, with their gradient."""
     step, x_next = make_step(square_grid(1.0, 4))
-    terms, loss = [ElasticEnergy(law(), transfer=False)], newton()
-    x = x_next.requires_grad_()
-    prediction = Prediction(x, step, x.detach(), terms, 1.0)
-    values, logged = loss(prediction), Potential(1.0, **CONTACT)(prediction)
-    assert set(values) == {*logged, "newton"} == {"inertia", "gravity", "external", "elastic", "contact", "newton"}
-    for name, value in logged.items():
-        assert not values[name].requires_grad
-        torch.testing.assert_close(values[name], value.detach())
-    assert values["newton"].requires_grad
-    assert loss.total(values) == values["newton"]
-    halved = Newton(scale=9.81, longest=10.0, weight=0.5, **CONTACT)
-    assert halved.total(values) == 0.5 * values["newton"]
+    terms = [ElasticEnergy(law(), transfer=False)]
+    logged, slope = judged(Potential(1.0, **CONTACT), x_next, step, terms)
+    alone, of_step = judged(newton(), x_next, step, terms)
+    assert set(alone) == {*logged, "newton"} == {"inertia", "gravity", "external", "elastic", "contact", "newton"}
+    torch.testing.assert_close({name: alone[name] for name in logged}, logged)
+    loss = newton(energies=0.3, weight=0.5)
+    both, gradient = judged(loss, x_next, step, terms)
+    torch.testing.assert_close(gradient, 0.5 * (of_step + 0.3 * slope))
+    energies = torch.stack(list(logged.values())).sum()
+    torch.testing.assert_close(loss.total(both), 0.5 * (alone["newton"] + 0.3 * energies))
 
 
 def test_the_graph_is_that_of_the_prediction_alone():

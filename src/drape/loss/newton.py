@@ -12,7 +12,7 @@ from torch import Tensor
 from drape.energy.hessian import StencilSum
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm
-from drape.loss.potential import Potential
+from drape.loss.potential import Potential, differentiable
 from drape.loss.prediction import Prediction
 from drape.scene.mesh_batch import MeshBatch
 from drape.simulators.factorisation import Factorisation
@@ -24,17 +24,19 @@ class Newton(Potential):
     Its gradient, with x' - z taken as given, is zero where that of the potential E is, and nowhere else. That of E
     itself is ruled by the stiffest directions: a crease of a hundredth of the cloth outweighs all that sags, sways and
     slides by three orders of magnitude, and a network needs very many steps to get past it. H is the positive definite
-    Hessian that the solver takes, from the stencils of the terms. The energies are logged, and have no part in the sum.
+    Hessian that the solver takes, from the stencils of the terms. The stiffest directions count little in this metric;
+    ``energies`` of the potential itself, added to it, keep them.
 
     Args:
+        energies: weight of the mean energies per mass [kg/J] beside the length of Newton's step.
         scale: typical acceleration [m/s²], so that the loss of a network that predicts none is of the order of 1.
         longest: vertices whose step is longer count with this length [m]: H knows only where x' is.
         potential: arguments of :class:`Potential`.
     """
 
-    def __init__(self, scale: float, longest: float, **potential: object):
+    def __init__(self, energies: float, scale: float, longest: float, **potential: object):
         super().__init__(**potential)
-        self.scale, self.longest = scale, longest
+        self.energies, self.scale, self.longest = energies, scale, longest
         self._sums: WeakKeyDictionary[MeshBatch, StencilSum] = WeakKeyDictionary()
 
     def forward(self, prediction: Prediction) -> dict[str, Tensor]:
@@ -43,7 +45,7 @@ class Newton(Potential):
         gradient, terms = torch.zeros_like(x_next), self.terms(prediction)
         for term in terms:
             energy, slope = term.energy_and_gradient(x_next, step)
-            values[term.name] = (energy / mass).mean()
+            values[term.name] = (differentiable(prediction, energy, slope) / mass).mean()
             gradient += slope
         z = self._newton(terms, x_next, step, gradient)
         length = z.norm(dim=-1, keepdim=True)
@@ -55,7 +57,8 @@ class Newton(Potential):
         return super().joules({name: value for name, value in values.items() if name != "newton"}, prediction)
 
     def total(self, values: dict[str, Tensor]) -> Tensor:
-        return self.weight * values["newton"]
+        energies = torch.stack([value.double() for name, value in values.items() if name != "newton"]).sum()
+        return self.weight * (values["newton"] + self.energies * energies)
 
     def _newton(self, terms: list[EnergyTerm], x: Tensor, step: Step, gradient: Tensor) -> Float[Tensor, "vertices 3"]:
         if step.mesh not in self._sums:

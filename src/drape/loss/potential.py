@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from drape.energy.contact import Contact
@@ -12,7 +12,6 @@ from drape.energy.external import ExternalForce
 from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
 from drape.energy.inertia import Inertia
-from drape.energy.step import Step
 from drape.energy.term import EnergyTerm
 from drape.errors import DrapeError
 from drape.loss.prediction import Prediction, PredictionLoss
@@ -61,8 +60,8 @@ class Potential(PredictionLoss):
         mass = step.mesh.sum_vertices(step.mass)
         values = {}
         for term in self.terms(prediction):
-            energy = _WithGradient.apply(prediction.x_next, term, step, step.mesh.mesh_of_vertex)
-            values[term.name] = (energy / mass).mean()
+            found = term.energy_and_gradient(prediction.x_next.detach(), step)
+            values[term.name] = (differentiable(prediction, *found) / mass).mean()
         return values
 
     def joules(self, values: dict[str, Tensor], prediction: Prediction) -> dict[str, Tensor]:
@@ -81,16 +80,9 @@ class Potential(PredictionLoss):
         return [Inertia(), Gravity(), *external, *prediction.terms, contact, *friction]
 
 
-class _WithGradient(torch.autograd.Function):
-    """The energy of a term with the gradient that it computes itself."""
-
-    @staticmethod
-    def forward(ctx: object, x_next: Tensor, term: EnergyTerm, step: Step, mesh_of_vertex: Tensor) -> Tensor:
-        energy, gradient = term.energy_and_gradient(x_next, step)
-        ctx.save_for_backward(gradient, mesh_of_vertex)
-        return energy
-
-    @staticmethod
-    def backward(ctx: object, by_energy: Tensor) -> tuple[Tensor, None, None, None]:
-        gradient, mesh_of_vertex = ctx.saved_tensors
-        return by_energy[mesh_of_vertex, None].to(gradient.dtype) * gradient, None, None, None
+def differentiable(
+    prediction: Prediction, energy: Float[Tensor, " meshes"], gradient: Float[Tensor, "vertices 3"]
+) -> Float[Tensor, " meshes"]:
+    """The energy of each garment with its gradient in the predicted positions, which is known already."""
+    nothing = prediction.x_next - prediction.x_next.detach()
+    return energy + prediction.step.mesh.sum_vertices((nothing * gradient).sum(-1))
