@@ -19,7 +19,7 @@ from drape.simulators.factorisation import Factorisation
 
 
 class Newton(Potential):
-    """Mean of ``½ |z|² / (dt² scale)²`` over the free vertices, ``H z = ∂E/∂x'``, and ``energies`` times that of E/mass.
+    """Mean of ``½ |z|² / (dt² scale)²`` over the free vertices, ``H z = ∂E/∂x'``, and of ``energies`` · E per mass.
 
     The first is the squared length of Newton's step. Its gradient, with x' - z taken as given, is zero where that of
     the potential E is, and nowhere else. That of E itself is ruled by the stiffest directions: a crease of a hundredth
