@@ -78,7 +78,7 @@ def _from_distances(points: Tensor, mesh: Tensor, centres: Centres, search_range
     for point, is_there, face, distance in mesh_distances(points, mesh, centres.place, centres.mesh):
         reach = distance.amin(-1, keepdim=True).clamp(max=search_range)
         near = distance <= (reach + centres.radius[face][:, None]) * (1.0 + SLACK)
-        of_mesh, row, column = (near & is_there[..., None] & distance.isfinite()).nonzero(as_tuple=True)
+        of_mesh, row, column = (near & is_there[..., None]).nonzero(as_tuple=True)
         pairs.append((point[of_mesh, row], face[of_mesh, column]))
     vertex, face = (torch.cat(part) for part in zip(*pairs, strict=True))
     return vertex, face
