@@ -197,6 +197,11 @@ def test_energies_are_those_of_the_potential():
     alone, of_step = judged(newton(), x_next, step, terms)
     assert set(alone) == {*logged, "newton"} == {"inertia", "gravity", "external", "elastic", "contact", "newton"}
     torch.testing.assert_close({name: alone[name] for name in logged}, logged)
+    x = x_next.clone().requires_grad_()
+    values = newton()(Prediction(x, step, x.detach(), terms, 1.0))
+    assert values["newton"].requires_grad
+    assert newton().total(values) == values["newton"]
+    assert newton(weight=0.5).total(values) == 0.5 * values["newton"]
     loss = newton(energies=0.3, weight=0.5)
     both, gradient = judged(loss, x_next, step, terms)
     torch.testing.assert_close(gradient, 0.5 * (of_step + 0.3 * slope))

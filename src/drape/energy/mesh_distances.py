@@ -42,8 +42,8 @@ def mesh_distances(
     """
     num_meshes = 1 + int(torch.maximum(mesh_of_point.max(), mesh_of_target.max()))
     of_points, of_targets = OfMeshes.of(mesh_of_point, num_meshes), OfMeshes.of(mesh_of_target, num_meshes)
-    there = targets.double()[of_targets.row]
+    points, there = points.double(), targets.double()[of_targets.row]
     some = max(1, CHUNK // of_targets.row.numel())
     for row, is_there in zip(of_points.row.split(some, 1), of_points.is_there.split(some, 1), strict=True):
-        distance = torch.cdist(points.double()[row], there, compute_mode="use_mm_for_euclid_dist")
+        distance = torch.cdist(points[row], there, compute_mode="use_mm_for_euclid_dist")
         yield row, is_there, of_targets.row, distance.masked_fill_(~of_targets.is_there[:, None], torch.inf)

@@ -54,11 +54,10 @@ class Newton(Potential):
         return values | {"newton": 0.5 * distance.square().sum(-1).mean()}
 
     def joules(self, values: dict[str, Tensor], prediction: Prediction) -> dict[str, Tensor]:
-        return super().joules({name: value for name, value in values.items() if name != "newton"}, prediction)
+        return super().joules(_energies(values), prediction)
 
     def total(self, values: dict[str, Tensor]) -> Tensor:
-        energies = torch.stack([value.double() for name, value in values.items() if name != "newton"]).sum()
-        return self.weight * (values["newton"] + self.energies * energies)
+        return self.weight * values["newton"] + self.energies * super().total(_energies(values))
 
     def _newton(self, terms: list[EnergyTerm], x: Tensor, step: Step, gradient: Tensor) -> Float[Tensor, "vertices 3"]:
         if step.mesh not in self._sums:
@@ -71,3 +70,7 @@ class Newton(Potential):
         solution = np.zeros(3 * len(x))
         solution[slots] = factors.solve(gradient.reshape(-1).double().cpu().numpy()[slots])
         return torch.from_numpy(solution).to(x).view(-1, 3)
+
+
+def _energies(values: dict[str, Tensor]) -> dict[str, Tensor]:
+    return {name: value for name, value in values.items() if name != "newton"}
