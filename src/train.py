@@ -7,6 +7,7 @@ from pathlib import Path
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
+from lightning.pytorch.utilities.rank_zero import rank_zero_only
 from omegaconf import DictConfig
 
 from drape import config as conf
@@ -35,7 +36,12 @@ def main(config: DictConfig) -> None:
     choices = {name: conf.chosen(group) for name, group in GROUPS.items()}
     choices["command"] = conf.command_line("train", conf.typed())
     folder = Path(HydraConfig.get().runtime.output_dir)
-    record = train(config, folder, choices)
+    finish(config, folder, train(config, folder, choices))
+
+
+@rank_zero_only
+def finish(config: DictConfig, folder: Path, record: Path) -> None:
+    """Say what was learned; animate the test split by a simulator. One process of many does."""
     print(summary(record))
     if config.evaluate and record.name == simulator_record.FILE and record.is_file():
         print(kinds_table(scored(config, folder)).markdown())

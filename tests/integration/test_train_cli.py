@@ -149,9 +149,11 @@ def test_every_ablation_runs_and_reports(data, tmp_path):
 
 @pytest.mark.slow
 def test_two_processes_train(data, tmp_path):
-    """``trainer=ddp`` on two CPU processes finishes and writes one record."""
+    """``trainer=ddp`` on two CPU processes finishes, writes one record and speaks with one voice."""
     done = trained(data, tmp_path, "trainer=ddp", "scale.max_steps=4", "scale.validation_steps=2")
     assert done.returncode == 0, done.stderr
+    assert done.stdout.count("run directory:") == 1
+    assert "trial run" not in done.stdout
     assert metrics(tmp_path)["energy_error_J2/overall"] > 0
 
 

@@ -119,6 +119,16 @@ def test_killed_and_continued_is_as_never_killed(row, tubes, tmp_path):
     assert all(torch.equal(one[name], other[name]) for name in one)
 
 
+@pytest.mark.slow
+def test_two_processes_train_and_one_animates(tubes, tmp_path):
+    """With ``trainer=ddp`` the test split is animated once, by a process that waits for no other."""
+    done = program("train", *overrides(tubes, tmp_path, "model=mgn", "trainer=ddp"))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("run directory:") == 1
+    record = json.loads((tmp_path / "evaluation" / "metrics.json").read_text())
+    assert record["data"]["sequences"] == ["00001", "00002", "00003"]
+
+
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import lightning
+import torch
 from omegaconf import DictConfig, OmegaConf
 
 from drape import config as conf
@@ -62,6 +63,8 @@ def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> Path:
         close_loggers(trainer.loggers)
     if trainer.is_global_zero and not is_trial:
         result.save(folder)
+    if torch.distributed.is_initialized():  # what comes after is the work of one process, which waits for no other
+        torch.distributed.destroy_process_group()
     return record
 
 
