@@ -115,6 +115,16 @@ def test_the_contents_page_of_training_is_in_the_order_of_overriding():
     assert groups[-2:] == ["ablation", "debug"]
 
 
+@pytest.mark.parametrize("cloths", [path.stem for path in sorted((CONF / "model" / "cloths").glob("*.yaml"))])
+@pytest.mark.parametrize("network", [path.stem for path in sorted((CONF / "model" / "network").glob("*.yaml"))])
+def test_every_network_takes_every_cloth(network, cloths):
+    """The cloths bring their law along, and tell the network as many numbers as it expects."""
+    choice = [f"model/network@model.network.network={network}", f"model/cloths={cloths}"]
+    model = checked("train", ["model=mgn", *choice]).model
+    assert model.network.network.attributes == (4 if cloths.startswith("phys") else 5)
+    assert ("potential" in model) == (cloths == "eunet")
+
+
 @pytest.mark.parametrize("name", ABLATIONS)
 def test_an_ablation_takes_something_away(name):
     model = [OF_MODEL[name]] if name in OF_MODEL else []

@@ -136,6 +136,10 @@ def test_two_processes_train_and_one_animates(tubes, tmp_path):
         (("model=mgn_s_eunet", "training.updates=twice"), "expected step or rollout"),
         (("model=mgn_s_eunet", "scale.simulator.rollout_last=5"), "expected at least 7"),
         (("model=mgn", "ablation=no_bending"), "this ablation does not fit"),
+        (("model=mgn_s_eunet", "ablation=no_estimation"), "model.cloths.estimates does not exist without it"),
+        (("model=mgn", "loss=potential"), "no elastic energy to minimise"),
+        (("model=mgn", "loss=paper"), "found energy_balance (EnergyBalance), contrastive (Contrastive)"),
+        (("model=mgn", "loss=paper"), "choose another option, loss=..."),
         (("model=mgn_s_eunet", "optimizer.lr=1e30"), "training stopped at step"),
         (("model=mgn_h_eunet", "model.network.network.coarse_levels=3"), "schedule"),
     ],
@@ -144,6 +148,15 @@ def test_what_makes_no_sense_is_refused(wrong, told, tubes, tmp_path):
     done = in_process("train", *overrides(tubes, tmp_path, *wrong))
     assert done.code == 2, done.err
     assert told in done.err
+
+
+def test_parts_combine_freely(tubes, tmp_path):
+    """A network, cloths and a loss that make no row of the paper."""
+    choice = ["model=layersnet", "model/cloths=eunet", "loss=newton", "evaluate=false"]
+    done = in_process("train", *overrides(tubes, tmp_path, *choice))
+    assert done.code == 0, done.err
+    with open(tmp_path / "metrics.csv") as file:
+        assert {"train/loss/newton", "train/loss/contact"} <= set(next(csv.reader(file)))
 
 
 def test_the_checkpoint_of_an_energy_is_no_simulator(tubes):

@@ -76,7 +76,10 @@ def _origin(config: DictConfig, problem: str) -> str:
     node = OmegaConf.select(config, parent) if parent and ": found" in problem else None
     if not isinstance(node, DictConfig) or not OmegaConf.is_interpolation(node, key):
         return ""
-    return f" (the value is that of {OmegaConf.to_container(node, resolve=False)[key]})"
+    origin = OmegaConf.to_container(node, resolve=False)[key]
+    group = origin.strip("${}")
+    choose = f"; choose another option, {group}=..." if (CONF / group).is_dir() else ""
+    return f" (the value is that of {origin}{choose})"
 
 
 class _Borrowed(dict):
@@ -174,13 +177,19 @@ def _annotations(built: Any) -> dict[str, Any]:
 def _shown(value: object) -> str:
     if isinstance(value, dict) and "_target_" in value:
         return str(value["_target_"])
+    members = value.items() if isinstance(value, dict) else ()
+    targets = [(key, node["_target_"]) for key, node in members if isinstance(node, dict) and "_target_" in node]
+    if targets:
+        return ", ".join(f"{key} ({target.rpartition('.')[2]})" for key, target in targets)
     if value == {}:
         return "{} (an option that leaves its node out starts with the line '# @package _global_')"
     return f"{value!r} ({type(value).__name__})"
 
 
 def _name(annotation: Any) -> str:
-    return annotation.__name__ if inspect.isclass(annotation) else str(annotation).replace("typing.", "")
+    if inspect.isclass(annotation):
+        return annotation.__name__
+    return str(annotation).replace("typing.", "").replace("collections.abc.", "")
 
 
 def _foreign_values(config: DictConfig) -> Iterator[str]:

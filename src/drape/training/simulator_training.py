@@ -18,6 +18,7 @@ from drape.data.sequence_loader import Watched
 from drape.energy.checkpoint import versions
 from drape.energy.penetration import Body, cleared
 from drape.errors import DrapeError
+from drape.loss.potential import Potential
 from drape.loss.prediction import Prediction, PredictionLoss
 from drape.metrics import simulator_record
 from drape.metrics.rollout_scores import ScoredRollout, rollout_scores
@@ -58,8 +59,8 @@ class SimulatorTraining(lightning.LightningModule):
         data: whose fabrics the garments are made of.
 
     Raises:
-        DrapeError: no loss, another word for ``updates``; while training, a summand that is not finite (the summand,
-            the step and the sample are named).
+        DrapeError: no loss, a potential of garments without energies, another word for ``updates``; while training, a
+            summand that is not finite (the summand, the step and the sample are named).
     """
 
     RECORD = simulator_record.FILE
@@ -85,6 +86,12 @@ class SimulatorTraining(lightning.LightningModule):
             raise DrapeError("loss: no term is left to train on; choose one, for example loss=supervised")
         if updates not in UPDATES:
             raise DrapeError(f"training.updates: found {updates!r}; expected {' or '.join(UPDATES)}")
+        energetic = any(isinstance(each, Potential) for each in loss.values())
+        if energetic and not all(cloths.terms(material) for material in data.materials.values()):
+            raise DrapeError(
+                "loss: the garments have no elastic energy to minimise (model/cloths=recorded); choose "
+                "model/cloths=eunet, phys or phys_estimated, or loss=supervised"
+            )
         self.automatic_optimization = False
         self.network, self.cloths, self.materials = network, cloths, data.materials
         self.loss = nn.ModuleDict(loss)
