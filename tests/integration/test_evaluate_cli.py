@@ -117,7 +117,7 @@ def test_baselines_are_as_good_as_they_should_be_and_stand_side_by_side(run, tmp
 def test_the_solver_animates_every_fabric_with_its_own_table(run, tmp_path):
     done = run(*QUICK)
     assert done.code == 0, done.err
-    folder = tmp_path / "recorded_test" / "implicit_eunet_baked_garment"
+    folder = tmp_path / "recorded_test" / "implicit_eunet_baked_garment_3"
     found = metrics(folder)
     assert found["sequences/overall"] == 3
     assert found["ms_per_frame/overall"] > 1
@@ -163,7 +163,7 @@ def test_a_multirun_makes_a_folder_for_each(run, tmp_path):
 
 def test_it_goes_on_where_it_stopped(run, tmp_path):
     """Sequences that are done keep their frames and scores, an interrupted one its frames; the end is the same."""
-    folder = tmp_path / "recorded_test" / "implicit_eunet_baked_garment"
+    folder = tmp_path / "recorded_test" / "implicit_eunet_baked_garment_3"
     assert run(*QUICK, "sequences=1").code == 0
     first = folder / "sequences" / "00001.h5"
     before, scores = os.stat(first).st_mtime_ns, (folder / "sequences" / "00001.csv").read_text()

@@ -156,6 +156,27 @@ def test_cloth_comes_to_rest_on_the_ground_and_not_below():
     np.testing.assert_allclose(potential.contact.normal_force(torch.tensor(depth)).mean(), weight, rtol=0.05)
 
 
+def test_where_no_evaluation_is_left_cloth_is_where_the_body_carries_it():
+    """Three starts and no more: ground that rises by 0.1 m and moves aside by as much takes its cloth along."""
+    before = ground(2.0, -0.02)
+    moving = Obstacle(before.faces, np.concatenate([before.positions, before.positions + [0.1, 0.0, 0.1]]))
+    scene = scene_of(obstacle=moving, friction=0.5, frames=1)
+    (result,) = run(scene, 1, iterations=3)
+    assert result.iterations == 3
+    share = 0.9 * (1 - (0.02 / solver_of(scene).potential.contact.search_range) ** 2)
+    moved = result.state.x - scene.initial.x
+    np.testing.assert_allclose(moved, np.tile([0.1 * share, 0.0, 0.1 * share], (64, 1)), atol=1e-6)
+
+
+@pytest.mark.parametrize(("settings", "count"), [({"iterations": 4}, 3), ({"tolerance": 100.0}, 1)])
+def test_factors_are_renewed_after_a_step_that_used_up_its_iterations(settings, count):
+    stretched = State.at_rest(scene_of().initial.x * [1.3, 1.0, 1.0])
+    solver, state = solver_of(scene_of(initial=stretched), **settings), stretched
+    for frame in range(3):
+        state = solver.step(state, frame).state
+    assert solver._minimiser.factorisations == count
+
+
 def test_only_what_the_scene_requires():
     names = IncrementalPotential.for_scene(scene_of(gravity=np.zeros(3)), [StVK()]).names
     assert names == ["inertia", "stvk"]

@@ -131,6 +131,9 @@ def test_solvers_are_named_by_their_energies_unless_the_user_has_named_them():
     solver = {"energy": {}}
     found = [record(name, 5.0, method=solver) for name in ("implicit_phys", "implicit_eunet", "mine")]
     assert {row.label for row in garment_rows(found)} == {"solver + PHYS", "solver + EUNet", "mine"}
+    found = [record(name, 5.0, method=solver) for name in ("implicit_phys", "implicit_phys_10", "mine_10")]
+    labels = {"solver + PHYS", "solver + PHYS, 10 evaluations", "mine_10"}
+    assert {row.label for row in garment_rows(found)} == labels
     found = [record(name, 5.0, method=solver) for name in ("implicit_eunet_baked", "implicit_eunet_baked_garment")]
     labels = [f"solver + baked EUNet [name implicit_eunet_baked{end}]" for end in ("", "_garment")]
     assert sorted(row.label for row in garment_rows(found)) == labels

@@ -45,6 +45,7 @@ class Method:
     def __init__(self, config: DictConfig, file: GarmentFile, overrides: Sequence[str] = ()):
         self.config = config
         self.file = file
+        self._overrides = overrides
         self._make = conf.instantiate(config.simulator)
         self.areal_density = None if config.areal_density is None else float(config.areal_density)
         self._fabrics: dict[str, Fabric] = {}
@@ -58,11 +59,12 @@ class Method:
             check_device(config.simulator.device)
 
     def named(self, simulator: str, energy: str) -> str:
-        """Simulator and energy as one name, or what a network was trained as."""
+        """Simulator, energy and a chosen number of iterations as one name, or what a network was trained as."""
         if (told := self.training) is not None:
             name = told["row"] if told["ablation"] == "none" else f"{told['row']}_{told['ablation']}"
             return f"{name}_{told['scale']}_seed_{told['seed']}"
-        return f"{simulator}_{energy}" if self.minimises else simulator
+        chosen = [f"_{o.partition('=')[2]}" for o in self._overrides if o.startswith("simulator.iterations=")]
+        return f"{simulator}_{energy}{''.join(chosen[-1:])}" if self.minimises else simulator
 
     @cached_property
     def training(self) -> dict[str, Any] | None:

@@ -24,6 +24,8 @@ PAPER = " (paper)"
 """After the label of a row whose numbers are the paper's."""
 OF_SEED = re.compile(r"[\s_/-]*(seed|s)[_=-]?\d+$")
 """The end of a name that says the seed."""
+OF_ITERATIONS = re.compile(r"(.*)_(\d+)")
+"""The name of an evaluation of a solver with a number of iterations that was chosen."""
 TOLD_APART_BY = ("scale", "iterations", "name")
 """What is added to labels that would be the same, in this order."""
 
@@ -118,10 +120,18 @@ def row_label(record: EvaluationRecord) -> str:
     training = training_of(record)
     if not training:
         name = str(record.method["name"])
-        return published()["solvers"].get(name, OF_SEED.sub("", name) if seed_of(record) is not None else name)
+        return _solver(name) or (OF_SEED.sub("", name) if seed_of(record) is not None else name)
     row, ablation = training["row"], str(training.get("ablation", "none"))
     known = published()["labels"].get(row, {"none": row})
     return known.get(ablation, f"{known['none']} ({ablation})")
+
+
+def _solver(name: str) -> str | None:
+    """The label of a solver from the name of an evaluation that was not given one."""
+    found, known = OF_ITERATIONS.fullmatch(name), published()["solvers"]
+    if found is None or found[1] not in known:
+        return known.get(name)
+    return f"{known[found[1]]}, {found[2]} evaluations"
 
 
 def by_data(records: Sequence[EvaluationRecord]) -> list[list[EvaluationRecord]]:

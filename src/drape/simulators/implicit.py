@@ -15,11 +15,16 @@ from drape.scene.scene import Scene
 from drape.scene.state import State
 from drape.simulators.energy_limit import stored, without_gain
 from drape.simulators.minimise import Minimiser
+from drape.simulators.neural.advance import advance
+from drape.simulators.neural.kinematic import Nothing
+from drape.simulators.neural.kinematic_prior import KinematicPrior
 from drape.simulators.simulator import Outcome, StepResult
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
 
+CARRIED = {"share": 0.9, "rounds": 16}
+"""How closely cloth goes with the body where a step may start (:class:`KinematicPrior`)."""
 ROUNDS = 3
 """How often contact is looked for again at the end of a step that left vertices inside the body."""
 
@@ -31,9 +36,10 @@ class ImplicitSolver:
     they slid off their face or the body is thin or fast, the nearest faces at the end are taken and the step is
     minimised on from there.
 
-    Where it starts from: the present positions or free motion, whichever has the lower potential; so a step never ends
-    above the potential of standing still. Without a body or moving pins, which do work, the energy of the cloth does
-    not grow, at any number of iterations: see :func:`without_gain`.
+    Where it starts from: the present positions, free motion, or, near a body, where the body carries the cloth
+    (:class:`KinematicPrior`), whichever has the lowest potential; so a step never ends above that of standing still.
+    Without a body or moving pins, which do work, the energy of the cloth does not grow, at any number of iterations:
+    see :func:`without_gain`.
 
     Args:
         potential: the terms of the scene.
@@ -80,6 +86,9 @@ class ImplicitSolver:
         self.iterations = iterations
         self.substeps = substeps
         self._minimiser = Minimiser(self.potential, self.steps.free, single=factors == "float32")
+        self._carried = None
+        if scene.obstacle is not None:
+            self._carried = KinematicPrior(Nothing(), **CARRIED, search_range=self.potential.contact.search_range)
         self._is_left_alone = scene.obstacle is None and (scene.pins is None or scene.pins.is_static)
 
     def step(self, state: State, frame: int) -> StepResult:
@@ -104,7 +113,8 @@ class ImplicitSolver:
 
     def _advance(self, state: State, start: float, stop: float) -> tuple[State, Outcome, int, float, dict]:
         step = self.steps.step(state, start, stop)
-        starts = [self.steps.pinned(step.x, state, stop), self.steps.pinned(step.inertial, state, stop)]
+        starts = [step.x, step.inertial, *([] if self._carried is None else [advance(self._carried, step)])]
+        starts = [self.steps.pinned(start, state, stop) for start in starts]
         x, found, outcome, used, residual = self._minimiser.minimise(starts, step, self.tolerance, self.iterations)
         before = self._minimiser.standing.terms
         for _ in range(ROUNDS if step.obstacle is not None and outcome is not Outcome.NOT_FINITE else 0):

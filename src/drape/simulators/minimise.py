@@ -36,8 +36,9 @@ class Minimiser:
     Each direction is that of Newton's method with the last factorised positive definite Hessian, corrected by the
     L-BFGS two-loop recursion (Liu, Bouaziz and Kavan 2017, with the whole Hessian in the place of a fixed Laplacian).
     The factorisation is kept over iterations and frames, and renewed where iterations bring too little, as when
-    contacts come and go. The Hessian is the rough one, sparser and cheaper to factorise, until a step takes more than
-    ``PATIENCE`` evaluations. The energy never rises, up to its own rounding.
+    contacts come and go, and after a step that has used up its iterations. The Hessian is the rough one, sparser and
+    cheaper to factorise, until a step takes more than ``PATIENCE`` evaluations. The energy never rises, up to its own
+    rounding.
 
     Args:
         potential: what is minimised.
@@ -52,6 +53,7 @@ class Minimiser:
         self._factors = Factorisation(single=single)
         self._dt = 0.0
         self._rough = True
+        self._is_stale = False
         self.factorisations = 0
         self.standing: Evaluation | None = None
         """The first of the starts of the last call, evaluated."""
@@ -63,12 +65,19 @@ class Minimiser:
 
         Stops when the mean norm of the gradient over the free vertices is below ``tolerance`` [N].
         """
+        found = self._descend(starts, step, tolerance, iterations)
+        self._is_stale = found[2] is Outcome.ITERATIONS
+        return found
+
+    def _descend(
+        self, starts: list[Float[Tensor, "vertices 3"]], step: Step, tolerance: float, iterations: int
+    ) -> tuple[Float[Tensor, "vertices 3"], Evaluation, Outcome, int, float]:
         x, best = self._best(starts, step)
         used = len(starts)
         if best is None:
             return starts[0], self.potential.evaluate(starts[0], step), Outcome.NOT_FINITE, used, float("nan")
         pairs: deque[tuple[Tensor, Tensor]] = deque(maxlen=MEMORY)
-        fresh, since, before = step.dt != self._dt, 0, float("inf")
+        fresh, since, before = self._is_stale or step.dt != self._dt, 0, float("inf")
         if fresh:
             self._factorise(x, step)
         gained_at, gained_from = used, float("inf")

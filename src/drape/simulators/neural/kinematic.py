@@ -20,10 +20,12 @@ def kinematic(scene: Scene, share: float, rounds: int, search_range: float) -> N
     Raises:
         DrapeError: numbers out of range.
     """
-    prior = KinematicPrior(_Nothing(), share, rounds, search_range)
+    prior = KinematicPrior(Nothing(), share, rounds, search_range)
     return NeuralSimulator(prior, RecordedCloths(dict.fromkeys(ATTRIBUTES, 1.0)), scene)
 
 
-class _Nothing(nn.Module):
+class Nothing(nn.Module):
+    """A network that has learned nothing: accelerations of 0."""
+
     def forward(self, step: Step) -> Float[Tensor, "vertices 3"]:
         return torch.zeros_like(step.x)
