@@ -16,6 +16,8 @@ from drape.report.garment_rows import GarmentRow
 
 COLUMNS = ("ms_per_frame", "error_mm", "error_mm_std", "floor_mm", "collision_percent", "inside_percent")
 MARKERS = {"trained": "o", "solver": "s", "baseline": "D"}
+FAR = 10
+"""Rows with an error of more than so many times the smallest are in the CSV, and not in the picture."""
 DENSE = 1e3
 """Ratio of the ends of an axis up to which there is room for numbers between powers of ten."""
 
@@ -46,11 +48,13 @@ def write_garment_trade(rows: Sequence[GarmentRow], picture: Path) -> Path | Non
 def draw_garment_trade(rows: Sequence[GarmentRow], path: Path, *, dark: bool = False) -> Path | None:
     """Error [mm] against time per frame [ms], both logarithmic, a point for each of ``rows``; the floor as a line.
 
-    Bars: the range over seeds. None where no row has both numbers.
+    Bars: the range over seeds. Without those farther than :data:`FAR`. None where no row has both numbers.
     """
-    shown = {str(each["method"]) for each in trade_rows(rows)}
-    if not shown:
+    found = trade_rows(rows)
+    if not found:
         return None
+    nearest = min(float(each["error_mm"]) for each in found)
+    shown = {str(each["method"]) for each in found if float(each["error_mm"]) <= FAR * nearest}
     with themed(dark=dark):
         figure = Figure(figsize=(6.4, 5.8), layout="constrained")
         axis = figure.subplots()
