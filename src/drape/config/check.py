@@ -131,10 +131,15 @@ def _walk(tree: Any, path: str, supplied: Mapping[str, Collection[str]]) -> Iter
     if "_target_" in tree:
         yield from _call(tree, path, supplied.get(path, ()))
         return
-    built = [key for key, value in tree.items() if isinstance(value, dict) and "_target_" in value]
+    built = list(_built(tree))
     for key, value in tree.items():
         if built and isinstance(value, dict) and "_target_" not in value:
             yield f"{path}.{key} has no _target_, as the others in {path} have{did_you_mean(str(key), built)}"
+
+
+def _built(tree: Mapping[str, Any]) -> dict[str, str]:
+    """Members that are objects, and the ``_target_`` of each."""
+    return {k: str(node["_target_"]) for k, node in tree.items() if isinstance(node, dict) and "_target_" in node}
 
 
 def _call(values: Mapping[str, Any], path: str, supplied: Collection[str]) -> Iterator[str]:
@@ -177,10 +182,8 @@ def _annotations(built: Any) -> dict[str, Any]:
 def _shown(value: object) -> str:
     if isinstance(value, dict) and "_target_" in value:
         return str(value["_target_"])
-    members = value.items() if isinstance(value, dict) else ()
-    targets = [(key, node["_target_"]) for key, node in members if isinstance(node, dict) and "_target_" in node]
-    if targets:
-        return ", ".join(f"{key} ({target.rpartition('.')[2]})" for key, target in targets)
+    if isinstance(value, dict) and (built := _built(value)):
+        return ", ".join(f"{key} ({target.rpartition('.')[2]})" for key, target in built.items())
     if value == {}:
         return "{} (an option that leaves its node out starts with the line '# @package _global_')"
     return f"{value!r} ({type(value).__name__})"

@@ -16,8 +16,7 @@ from drape.scene.state import State
 from drape.simulators.energy_limit import stored, without_gain
 from drape.simulators.minimise import Minimiser
 from drape.simulators.neural.advance import advance
-from drape.simulators.neural.kinematic import Nothing
-from drape.simulators.neural.kinematic_prior import KinematicPrior
+from drape.simulators.neural.kinematic_prior import KinematicPrior, Nothing
 from drape.simulators.simulator import Outcome, StepResult
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}

@@ -87,7 +87,7 @@ class SimulatorTraining(lightning.LightningModule):
         if updates not in UPDATES:
             raise DrapeError(f"training.updates: found {updates!r}; expected {' or '.join(UPDATES)}")
         energetic = any(isinstance(each, Potential) for each in loss.values())
-        if energetic and not all(cloths.terms(material) for material in data.materials.values()):
+        if energetic and not any(cloths.terms(material) for material in data.materials.values()):
             raise DrapeError(
                 "loss: the garments have no elastic energy to minimise (model/cloths=recorded); choose "
                 "model/cloths=eunet, phys or phys_estimated, or loss=supervised"

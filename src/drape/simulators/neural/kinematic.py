@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import torch
-from jaxtyping import Float
-from torch import Tensor, nn
-
-from drape.energy.step import Step
 from drape.scene.material import ATTRIBUTES
 from drape.scene.scene import Scene
 from drape.simulators.neural.cloths import RecordedCloths
-from drape.simulators.neural.kinematic_prior import KinematicPrior
+from drape.simulators.neural.kinematic_prior import KinematicPrior, Nothing
 from drape.simulators.neural.neural import NeuralSimulator
 
 
@@ -22,10 +17,3 @@ def kinematic(scene: Scene, share: float, rounds: int, search_range: float) -> N
     """
     prior = KinematicPrior(Nothing(), share, rounds, search_range)
     return NeuralSimulator(prior, RecordedCloths(dict.fromkeys(ATTRIBUTES, 1.0)), scene)
-
-
-class Nothing(nn.Module):
-    """A network that has learned nothing: accelerations of 0."""
-
-    def forward(self, step: Step) -> Float[Tensor, "vertices 3"]:
-        return torch.zeros_like(step.x)

@@ -71,3 +71,10 @@ class KinematicPrior(nn.Module):
         pulled = gone[:, None] * (near.velocity + beyond / step.dt - step.v[near.vertices])
         v = step.v + torch.zeros_like(step.v).index_add(0, near.vertices, pulled) * step.free[:, None]
         return replace(step, v=v).with_nearest_faces(step.nearest_faces(self.search_range), self.search_range)
+
+
+class Nothing(nn.Module):
+    """A network that has learned nothing: accelerations of 0."""
+
+    def forward(self, step: Step) -> Float[Tensor, "vertices 3"]:
+        return torch.zeros_like(step.x)
