@@ -9,8 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from drape.contact.surface_points import SurfacePoints
 from drape.energy.bending import Bending
-from drape.energy.contact import Contact
+from drape.energy.contact import PaperContact, SurfaceContact
 from drape.energy.dissipation import Dissipation
 from drape.energy.edge_law import NetworkLaw
 from drape.energy.elastic import ElasticEnergy
@@ -74,9 +75,10 @@ TERMS = {
     "elastic, transferred": Member(lambda: ElasticEnergy(law(), transfer=True), elastic=True),
     "dissipation": Member(lambda: Dissipation(law())),
     "springs": Member(springs),
-    "contact": Member(lambda: Contact(thickness=0.05), exact=anywhere),
-    "friction": Member(lambda: Friction(0.5, Contact(thickness=0.05)), exact=anywhere),
-    "friction_sticking": Member(lambda: Friction(0.5, Contact(thickness=0.05), slip_speed=2.0), exact=anywhere),
+    "contact_paper": Member(lambda: PaperContact(thickness=0.05), exact=anywhere),
+    "contact_surface": Member(lambda: SurfaceContact(thickness=0.05), exact=anywhere),
+    "friction": Member(lambda: Friction(0.5, SurfaceContact(thickness=0.05)), exact=anywhere),
+    "friction_sticking": Member(lambda: Friction(0.5, SurfaceContact(thickness=0.05), slip_speed=2.0), exact=anywhere),
 }
 """Every energy term; a new one gets its line here, and the whole contract runs on it."""
 
@@ -102,6 +104,7 @@ def make_step(*meshes: ClothMesh, dtype: torch.dtype = torch.float64) -> tuple[S
         dt=1.0 / 30.0,
         external_force=torch.stack([rest[:, 1], rest[:, 0], 1.0 + rest[:, 0]], -1),
         obstacle=_bodies(len(meshes)),
+        touching=SurfacePoints.of(mesh, per_edge=1, per_face=3),
     )
     x_next = x + 1.1 * motion + 1e-3 * torch.sin(50.0 * rest.roll(1, -1) + 20.0 * rest)
     return converted(step, dtype), x_next.to(dtype)
@@ -147,7 +150,7 @@ def renumbered(step: Step, order: Tensor) -> Step:
     rest = step.mesh.rest_positions[order].numpy()
     mesh = MeshBatch.from_meshes([ClothMesh.from_faces(rest, place[step.mesh.faces.numpy()][::-1])])
     rows = {name: getattr(step, name)[order] for name in ("x", "v", "mass", "free", "external_force")}
-    return replace(step, mesh=mesh, **rows)
+    return replace(step, mesh=mesh, touching=SurfacePoints.of(mesh, per_edge=1, per_face=3), **rows)
 
 
 def assembled(stencils: list[Stencils], num_vertices: int, dtype: torch.dtype = torch.float64) -> Tensor:

@@ -266,7 +266,7 @@ def test_both_hessians_are_positive_semidefinite(name, small_cloth):
 def test_sums_of_stencils_remember_where_entries_go(small_cloth):
     """Whether the vertices are those of the last sum, others, or contacts that came and went."""
     step, x_next = make_step(small_cloth)
-    terms = [TERMS[name].make() for name in ("elastic", "contact", "inertia")]
+    terms = [TERMS[name].make() for name in ("elastic", "contact_paper", "inertia")]
     together = StencilSum()
     for used in (terms, terms, terms[:2], terms[1:], terms):
         pieces = [piece for term in used for piece in term.stencils(x_next, step)]

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from drape.energy.contact import Contact
+from drape.contact.nearest_faces import NearestFaces
+from drape.energy.contact import PaperContact
 from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
 from drape.energy.inertia import Inertia
-from drape.energy.nearest_faces import NearestFaces
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
 from drape.scene.grid import square_grid
@@ -50,7 +50,7 @@ def with_body(step: Step, **changes: torch.Tensor) -> Step:
 
 def test_weight_rests_on_the_floor():
     """3 k (thickness - d)² = m g: the gradients of contact and weight cancel there, and only there."""
-    contact = Contact(stiffness=1e6, thickness=2e-3)
+    contact = PaperContact(stiffness=1e6, thickness=2e-3)
     depth = math.sqrt(1.0 / 3e6)
     step = over_a_floor(2e-3 - depth)
     energy, push = contact.energy_and_gradient(step.x, step)
@@ -65,7 +65,7 @@ def test_no_contact_beyond_the_thickness():
     """No energy at the thickness, none beyond."""
     for height in (2e-3, 1e-2):
         step = over_a_floor(height)
-        energy, push = Contact().energy_and_gradient(step.x, step)
+        energy, push = PaperContact().energy_and_gradient(step.x, step)
         assert energy.item() < 1e-30
         assert push.norm() < 1e-12
 
@@ -74,17 +74,17 @@ def test_the_body_is_met_where_it_will_be():
     """A floor that rises by 5 cm pushes a cloth that was 2 cm above it; one that sinks does not."""
     step = over_a_floor(0.02)
     rising = with_body(step, x_next=step.obstacle.x + 0.05 * UP)
-    energy = Contact(stiffness=1.0)(step.x, rising)
+    energy = PaperContact(stiffness=1.0)(step.x, rising)
     assert energy.item() == pytest.approx(25 * (0.03 + 2e-3) ** 3)
     sinking = with_body(step, x_next=step.obstacle.x - 0.05 * UP)
-    assert Contact(stiffness=1.0)(step.x - 0.04 * UP, sinking).item() == 0.0
+    assert PaperContact(stiffness=1.0)(step.x - 0.04 * UP, sinking).item() == 0.0
 
 
 def test_what_is_far_at_the_start_takes_no_part():
     """Beyond the search range there is nothing to evaluate, even for a cloth that ends inside the body."""
     step = over_a_floor(0.2)
-    contact = Contact(search_range=0.1)
-    assert len(step.nearest_faces(0.1).vertices) == 0
+    contact = PaperContact(reach=0.1)
+    assert len(step.near_points(0.1).points) == 0
     assert contact(step.x - 0.3 * UP, step).item() == 0.0
     assert contact.stencils(step.x, step)[0].blocks.shape == (0, 1, 3, 1, 3)
 
@@ -95,7 +95,7 @@ def test_the_body_is_searched_once_a_step(monkeypatch):
     find = NearestFaces.find
     monkeypatch.setattr(NearestFaces, "find", lambda *args: searches.append(0) or find(*args))
     step = over_a_floor(1e-3)
-    contact = Contact()
+    contact = PaperContact()
     for term in (contact, Friction(0.5, contact)):
         for _ in range(3):
             term.energy_and_gradient(step.x, step)
@@ -106,8 +106,8 @@ def test_the_body_is_searched_once_a_step(monkeypatch):
 def test_cloth_that_moves_with_the_body_does_not_slip():
     """Body and cloth turned and moved over the step: no friction energy, no force; also beside edges of the body."""
     step, _ = make_step(square_grid(1.0, 8))
-    friction = Friction(0.5, Contact(thickness=0.05))
-    near = step.nearest_faces(0.1)
+    friction = Friction(0.5, PaperContact(thickness=0.05))
+    near = step.near_points(0.1)
     assert near.along.norm(dim=-1).max() > 1e-4
     turn, shift = tilt(0.5), torch.tensor([0.1, 0.2, -0.3], dtype=torch.float64)
     carried = with_body(step, x_next=step.obstacle.x @ turn.T + shift)
@@ -121,7 +121,7 @@ def test_cloth_that_moves_with_the_body_does_not_slip():
 
 def test_friction_is_coulombs():
     """Against the slip, μ N above the slip speed whatever the slip, less below, nothing at rest and without contact."""
-    contact = Contact(stiffness=1e6)
+    contact = PaperContact(stiffness=1e6)
     depth = math.sqrt(1.0 / 3e6)
     step = over_a_floor(2e-3 - depth)
     friction = Friction(0.4, contact, slip_speed=1e-3)
@@ -141,7 +141,7 @@ def test_a_slope(coefficient, slides):
     """On 30°, one step from rest: dt² g (sin α - μ cos α) down the slope, or creep below the slip speed."""
     angle = math.pi / 6.0
     turn = tilt(angle)
-    contact = Contact(stiffness=1e6)
+    contact = PaperContact(stiffness=1e6)
     depth = math.sqrt(math.cos(angle) / 3e6)
     step = over_a_floor(2e-3 - depth, turn)
     down = turn @ torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64)
@@ -159,8 +159,8 @@ def test_a_slope(coefficient, slides):
 
 
 @pytest.mark.parametrize("make", [
-    lambda: Contact(stiffness=0.0), lambda: Contact(thickness=-1e-3), lambda: Contact(search_range=1e-3),
-    lambda: Contact(search_range=math.inf), lambda: Friction(0.0, Contact()), lambda: Friction(0.5, Contact(), 0.0),
+    lambda: PaperContact(stiffness=0.0), lambda: PaperContact(thickness=-1e-3), lambda: PaperContact(reach=1e-3),
+    lambda: PaperContact(reach=math.inf), lambda: Friction(0.0, PaperContact()), lambda: Friction(0.5, PaperContact(), 0.0),
 ])
 def test_impossible_numbers_are_refused(make):
     with pytest.raises(DrapeError, match="expected finite numbers"):
@@ -170,4 +170,4 @@ def test_impossible_numbers_are_refused(make):
 def test_no_body_no_contact():
     step, x = make_step(square_grid(1.0, 3))
     with pytest.raises(DrapeError, match="no obstacle"):
-        Contact()(x, replace(step, obstacle=None))
+        PaperContact()(x, replace(step, obstacle=None))

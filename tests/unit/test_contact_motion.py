@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import torch
 
+from drape.contact.penetration import Penetration, push_out
 from drape.energy.bending import Bending
 from drape.energy.incremental_potential import IncrementalPotential
-from drape.energy.penetration import inside_fraction, push_out
 from drape.energy.stvk import StVK
 from drape.scene.built_in.sphere import sphere
 from drape.scene.material import Material
+from drape.scene.obstacle import Obstacle
 from drape.simulators.implicit import ImplicitSolver
 from drape.simulators.rollout import first_frame
 
@@ -34,10 +35,10 @@ def test_no_vertex_ends_inside_a_moving_sphere(motion):
     scene = falling(**motion)
     potential = IncrementalPotential.for_scene(scene, [StVK(), Bending()])
     solver = ImplicitSolver(potential, scene, torch.zeros(5, dtype=torch.float64))
-    state, inside = first_frame(scene), []
+    state, inside, penetration = first_frame(scene), [], Penetration(scene.mesh, scene.obstacle)
     for frame in range(scene.frames):
         state = solver.step(state, frame).state
-        inside.append(inside_fraction(state.x, scene.obstacle.faces, scene.obstacle.at(frame + 1), 0.2))
+        inside.append(penetration.inside(state.x, frame + 1))
     assert np.isfinite(state.x).all()
     assert max(inside) <= 0.005
 
@@ -46,10 +47,11 @@ def test_the_first_frame_is_moved_out_of_the_body():
     scene = falling()
     sunk = replace(scene.initial, x=scene.initial.x - [0.0, 0.0, 0.1], v=scene.initial.v + 1.0)
     lowered = replace(scene, initial=sunk)
-    body = lowered.obstacle.at(0)
-    assert inside_fraction(lowered.initial.x, lowered.obstacle.faces, body, 0.2) > 0.1
+    penetration = Penetration(lowered.mesh, lowered.obstacle)
+    assert penetration.inside(lowered.initial.x, 0) > 0.1
     start = first_frame(lowered)
-    assert inside_fraction(start.x, lowered.obstacle.faces, body, 0.2) == 0.0
+    vertices = slice(lowered.mesh.num_vertices)
+    assert (penetration.depth(start.x, 0)[vertices] == 0.0).all()
     moved = (start.x != lowered.initial.x).any(axis=1)
     assert (start.v[moved] == 0).all()
     assert (start.v[~moved] == 1).all()
@@ -59,5 +61,5 @@ def test_pushed_out_to_the_clearance_and_no_further():
     corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     x = np.array([[0.1, 0.2, -0.05], [0.3, 0.1, 0.02], [0.5, 0.5, -3.0]])
-    moved = push_out(x, faces, corners, clearance=0.002, search_range=1.0)
-    np.testing.assert_allclose(moved, [[0.1, 0.2, 0.002], [0.3, 0.1, 0.02], [0.5, 0.5, -3.0]], atol=1e-12)
+    moved = push_out(x, Obstacle(faces, corners[None]), clearance=0.002)
+    np.testing.assert_allclose(moved, [[0.1, 0.2, 0.002], [0.3, 0.1, 0.02], [0.5, 0.5, 0.002]], atol=1e-12)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from drape.contact.penetration import depth_inside
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
-from drape.energy.penetration import depth_inside
 from drape.errors import DrapeError
 from drape.metrics.collision import behind_nearest_vertex, vertex_normals
 from drape.metrics.drift import energy_drift, momentum_drift

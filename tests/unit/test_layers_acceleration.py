@@ -11,6 +11,7 @@ import pytest
 import torch
 from torch import nn
 
+from drape.contact.nearest_points import NearestPoints
 from drape.energy import mesh_distances
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
@@ -20,7 +21,6 @@ from drape.scene.mesh import ClothMesh
 from drape.simulators.neural import nearest_points
 from drape.simulators.neural.heading import Heading
 from drape.simulators.neural.layers_acceleration import LayersAcceleration
-from drape.simulators.neural.nearest_points import NearestPoints
 from tests.terms import converted, make_step, moved, renumbered
 
 NET = partial(LayersTransformer, width=24, heads=4, layers=2)

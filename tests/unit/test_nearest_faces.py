@@ -9,17 +9,16 @@ import pytest
 import torch
 import trimesh
 
-from drape.energy import mesh_distances, near_centres
-from drape.energy.nearest_faces import NearestFaces
+from drape.contact import closest_faces, mesh_distances
 from drape.scene.triangles import closest_on_triangles
 
 
-def find(x, faces, body, search_range=0.5, mesh_of_vertex=None, mesh_of_face=None, body_next=None):
+def find(x, faces, body, mesh_of_vertex=None, mesh_of_face=None, body_next=None):
     zeros = torch.zeros(max(len(x), len(faces)), dtype=torch.long)
     return NearestFaces.find(
         x, zeros[: len(x)] if mesh_of_vertex is None else mesh_of_vertex,
         faces, zeros[: len(faces)] if mesh_of_face is None else mesh_of_face,
-        body, body if body_next is None else body_next, search_range,
+        body, body if body_next is None else body_next,
     )  # fmt: skip
 
 
@@ -75,7 +74,7 @@ BODIES = {
 
 def on_device(monkeypatch):
     """Search as on a device, a few points at a time."""
-    monkeypatch.setattr(near_centres, "_from_trees", lambda p, m, _, c, r: near_centres._from_distances(p, m, c, r))
+    monkeypatch.setattr(closest_faces, "_by_tree", lambda p, m, f, n, b: closest_faces._by_distances(p, m, b[f], n))
     monkeypatch.setattr(mesh_distances, "CHUNK", 10_000)
 
 
@@ -92,8 +91,8 @@ def test_nearest_and_side(body, device, monkeypatch):
     x = torch.cat([x, vertices[0] + 0.05 * torch.randn(100, 3, dtype=torch.float64)])
     near = find(x, faces, vertices)
     expected = tried(x, vertices[faces])
-    seen = (expected <= 0.5).nonzero()[:, 0]
-    assert torch.equal(near.vertices, seen)
+    seen = torch.arange(len(x))
+    assert torch.equal(near.points, seen)
     torch.testing.assert_close(near.distance.abs(), expected[seen], rtol=1e-9, atol=1e-12)
     clear = expected[seen] > 1e-9
     assert torch.equal((near.distance < 0)[clear], is_inside(x[seen], vertices[faces])[clear])
@@ -114,10 +113,10 @@ def test_only_within_range_and_only_the_own_body(device, monkeypatch):
     x = torch.tensor([[0.0, 0.0, 0.35], [0.0, 0.0, 0.9], [0.0, 0.0, 0.35], [0.0, 0.0, 0.9]], dtype=torch.float64)
     mesh_of_face = torch.arange(2).repeat_interleave(len(faces))
     near = find(
-        x, torch.cat([faces, faces + len(vertices)]), both, 0.4,
+        x, torch.cat([faces, faces + len(vertices)]), both,
         mesh_of_vertex=torch.tensor([0, 0, 1, 1]), mesh_of_face=mesh_of_face,
-    )  # fmt: skip
-    assert near.vertices.tolist() == [0, 2, 3]
+    ).within(0.4)  # fmt: skip
+    assert near.points.tolist() == [0, 2, 3]
     assert mesh_of_face[near.faces].tolist() == [0, 1, 1]
     assert near.distance.tolist() == pytest.approx([0.05, 0.35, -0.2], abs=0.02)
 
@@ -126,8 +125,8 @@ def test_nothing_near():
     """A result of no vertices, also without any face that has an area."""
     faces, vertices = tensors(trimesh.creation.box((1.0, 1.0, 1.0)))
     x = torch.full((3, 3), 10.0, dtype=torch.float64)
-    assert len(find(x, faces, vertices).vertices) == 0
-    assert len(find(x, faces, torch.zeros_like(vertices)).vertices) == 0
+    assert len(find(x, faces, vertices).within(0.5).points) == 0
+    assert len(find(x, faces, torch.zeros_like(vertices)).points) == 0
 
 
 def test_faces_without_area_are_no_obstacle():

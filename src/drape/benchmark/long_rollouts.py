@@ -17,16 +17,15 @@ from tqdm import tqdm
 
 from drape.benchmark.composed import Composed
 from drape.benchmark.measured import Circumstances, Measured, Row
+from drape.contact.penetration import Penetration
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
 from drape.data.motion import edge_strain, speeds
 from drape.energy.dissipation import Dissipation
 from drape.energy.fabric import Fabric
-from drape.energy.penetration import depth_inside
 from drape.energy.scene_step import SceneSteps
 from drape.energy.term import EnergyTerm
 from drape.errors import DrapeError
-from drape.metrics.garment_scores import DEPTH
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
@@ -137,8 +136,8 @@ def _rollout(trained: Trained, scene: Scene, stand: int, law: Fabric) -> Row:
         states.append(result.state)
     seconds = time.perf_counter() - began
     x = np.stack([state.x for state in states])
-    body = scene.obstacle
-    inside = [(depth_inside(x[k], body.faces, body.at(k), DEPTH) > 0).mean() for k in range(EVERY, len(x), EVERY)]
+    penetration = Penetration(scene.mesh, scene.obstacle)
+    inside = [penetration.inside(x[k], k) for k in range(EVERY, len(x), EVERY)]
     terms = trained.cloths.terms(scene.material)
     terms, attributes = (terms, trained.cloths.of(scene.material).attributes) if terms else (law.terms, law.attributes)
     kept = [term for term in terms if term.name != Dissipation.name]

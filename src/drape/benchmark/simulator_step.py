@@ -76,7 +76,7 @@ class _Step:
         cloth = self.cloths.draw(rollout, self.data.materials, self.generator)
         step = rollout_step(rollout, 0, rollout.x[1], (rollout.x[1] - rollout.x[0]) / rollout.dt, cloth)
         marks.append(time.perf_counter())
-        step.nearest_faces(self.network.search_range)
+        _ = step.near
         marks.append(time.perf_counter())
         with _Inputs(self.layers) as calls:
             x_next = advance(self.network, step)

@@ -2,78 +2,148 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from abc import abstractmethod
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.energy.nearest_faces import NearestFaces
+from drape.contact.nearest_faces import NearestFaces
+from drape.contact.surface_points import SurfacePoints
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.errors import DrapeError
+from drape.scene.mesh_batch import MeshBatch
 
 
 class Contact(EnergyTerm):
-    """``stiffness · Σ max(thickness - d, 0)³`` [J] (paper, appendix; FACTS 3.4).
+    """``Σ k_p max(thickness - d_p, 0)³`` [J] over points p of the surface of the cloth (paper, appendix; FACTS 3.4).
 
-    ``d = (x' - p') · n'`` is the signed distance of a vertex from the plane of the body face that is nearest to it at
-    t, with the point p' and the outward normal n' of this face at t + dt. The energy is convex in x', and only the
-    vertices near the body at t take part. The body is an open or closed surface with normals to the outside.
+    ``d = (y' - b') · n'`` is the signed distance of a point y' from the plane of the body face that is nearest to it at
+    t, with the point b' and the outward normal n' of this face at t + dt. The energy is convex in x', and only points
+    near the body at t take part. The body is an open or closed surface with normals to the outside.
 
     Args:
-        stiffness: [N/m²]; the default is what HOOD trains with in the end. The force on a vertex is
-            ``3 · stiffness · (thickness - d)²``: 6 N on the surface itself.
         thickness: distance from the body at which the force begins [m].
-        search_range: how far away from the body a vertex at t is looked at [m]; at least what cloth and body
-            can move towards each other within a step.
+        reach: points farther from the body at t take no part [m]; at least what cloth and body can move towards each
+            other within a step.
 
     Raises:
-        DrapeError: a number that is not positive and finite, or ``search_range < thickness``.
+        DrapeError: a number that is not positive and finite, or ``reach < thickness``.
     """
 
     name = "contact"
+    per_edge = per_face = 0
+    """Points of the cloth's edges and faces that touch the body, beside its vertices."""
 
-    def __init__(self, stiffness: float = 5e5, thickness: float = 2e-3, search_range: float = 0.1):
+    def __init__(self, stiffness: float, thickness: float, reach: float):
         super().__init__()
-        if not (0 < stiffness < math.inf and 0 < thickness <= search_range < math.inf):
+        if not (0 < stiffness < math.inf and 0 < thickness <= reach < math.inf):
             raise DrapeError(
-                f"energy term contact: stiffness {stiffness} N/m², thickness {thickness} m, search_range "
-                f"{search_range} m; expected finite numbers with stiffness > 0 and 0 < thickness <= search_range"
+                f"energy term contact: stiffness {stiffness}, thickness {thickness} m, reach {reach} m; expected finite "
+                "numbers with stiffness > 0 and 0 < thickness <= reach"
             )
-        self.stiffness = stiffness
-        self.thickness = thickness
-        self.search_range = search_range
+        self.stiffness, self.thickness, self.reach = stiffness, thickness, reach
+
+    @abstractmethod
+    def point_stiffness(self, step: Step, near: NearestFaces) -> float | Float[Tensor, " near"]:
+        """K of each point [N/m²]."""
+
+    def enlarged(self, times: float) -> Contact:
+        """The same contact in a scene that is so many times its real size: lengths grow with it."""
+        grown = copy.copy(self)
+        grown.thickness, grown.reach = times * self.thickness, times * self.reach
+        return grown
+
+    def surface(self, mesh: MeshBatch) -> SurfacePoints:
+        """The points of cloths that touch bodies."""
+        return SurfacePoints.of(mesh, self.per_edge, self.per_face)
+
+    def near(self, step: Step) -> NearestFaces:
+        """The points that take part.
+
+        Raises:
+            DrapeError: a step that has not the points that this contact asks for.
+        """
+        return step.near_points(self.reach)
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
-        near = step.nearest_faces(self.search_range)
-        return step.sum_stencils(self.stiffness * self._depth(x_next, near) ** 3, near.vertices)
+        near = self.near(step)
+        energy = self.point_stiffness(step, near) * self._depth(x_next, step, near) ** 3
+        return step.sum_stencils(energy, step.surface.vertices[near.points, 0])
 
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
-        near = step.nearest_faces(self.search_range)
-        depth = self._depth(x_next.detach(), near)
-        push = self.normal_force(depth)
-        gradient = torch.zeros_like(x_next).index_add(0, near.vertices, -push[:, None] * near.end.normal)
-        return step.sum_stencils(push * depth / 3.0, near.vertices), gradient
+        near = self.near(step)
+        depth = self._depth(x_next.detach(), step, near)
+        push = self.normal_force(depth, step, near)
+        gradient = step.surface.spread(-push[:, None] * near.end.normal, near.points, len(x_next))
+        return step.sum_stencils(push * depth / 3.0, step.surface.vertices[near.points, 0]), gradient
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
-        """``6 · stiffness · (thickness - d) n' n'ᵀ``: exact."""
-        near = step.nearest_faces(self.search_range)
-        curvature = 6.0 * self.stiffness * self._depth(x_next.detach(), near)
+        """``6 k (thickness - d) n' n'ᵀ`` of each point: exact."""
+        near = self.near(step)
+        curvature = 6.0 * self.point_stiffness(step, near) * self._depth(x_next.detach(), step, near)
         normal = near.end.normal
         blocks = curvature[:, None, None] * normal[:, :, None] * normal[:, None, :]
-        return [Stencils(near.vertices[:, None], blocks[:, None, :, None, :])]
+        return [Stencils(*piece) for piece in step.surface.stencils(near.points, blocks)]
 
-    def normal_force(self, depth: Float[Tensor, " near"]) -> Float[Tensor, " near"]:
-        """``3 · stiffness · depth²`` [N] of vertices ``depth`` [m] closer to the body than the thickness."""
-        return 3.0 * self.stiffness * depth.square()
+    def normal_force(self, depth: Float[Tensor, " near"], step: Step, near: NearestFaces) -> Float[Tensor, " near"]:
+        """``3 k depth²`` [N] of points ``depth`` [m] closer to the body than the thickness."""
+        return 3.0 * self.point_stiffness(step, near) * depth.square()
 
     def depth_at_start(self, near: NearestFaces) -> Float[Tensor, " near"]:
-        """max(thickness - d, 0) of the vertices at t [m]."""
+        """max(thickness - d, 0) of the points at t [m]."""
         return (self.thickness - near.height).clamp(min=0.0)
 
-    def _depth(self, x_next: Tensor, near: NearestFaces) -> Float[Tensor, " near"]:
-        arm = x_next[near.vertices] - near.end.point
+    def _depth(self, x_next: Tensor, step: Step, near: NearestFaces) -> Float[Tensor, " near"]:
+        arm = step.surface.chosen_at(x_next, near.points) - near.end.point
         return (self.thickness - (arm * near.end.normal).sum(-1)).clamp(min=0.0)
+
+
+class PaperContact(Contact):
+    """Contact of the paper: of vertices only, with the same ``stiffness`` [N/m²] whatever a vertex weighs.
+
+    The default stiffness is what HOOD trains with in the end: 6 N on the surface itself.
+    """
+
+    def __init__(self, stiffness: float = 5e5, thickness: float = 2e-3, reach: float = 0.1):
+        super().__init__(stiffness, thickness, reach)
+
+    def near(self, step: Step) -> NearestFaces:
+        return step.near_vertices(self.reach)
+
+    def point_stiffness(self, step: Step, near: NearestFaces) -> float:
+        return self.stiffness
+
+
+class SurfaceContact(Contact):
+    """Contact of the surface of the cloth: of its vertices and of points of its edges and faces.
+
+    ``k_p = stiffness · m_p`` with the mass m_p that the point carries, so that fabrics of any weight sink in alike:
+    lying flat by ``sqrt(g / (3 stiffness))``.
+
+    Args:
+        stiffness: [1/(m s²)], i.e. N/m² for each kg.
+        per_edge: points inside each edge of the cloth.
+        per_face: points inside each face of the cloth: 0, 1 or 3.
+
+    Raises:
+        DrapeError: as :class:`Contact`; or numbers of points that there are not.
+    """
+
+    def __init__(
+        self, stiffness: float = 2e7, thickness: float = 5e-3, reach: float = 0.2, per_edge: int = 1, per_face: int = 0
+    ):
+        super().__init__(stiffness, thickness, reach)
+        if per_edge < 0 or per_face not in (0, 1, 3):
+            raise DrapeError(
+                f"energy term contact: found per_edge {per_edge}, per_face {per_face}; expected a number of points from "
+                "0 on inside each edge, and 0, 1 or 3 inside each face"
+            )
+        self.per_edge, self.per_face = per_edge, per_face
+
+    def point_stiffness(self, step: Step, near: NearestFaces) -> Float[Tensor, " near"]:
+        return self.stiffness * step.surface.mass(step.mass, near.points)

@@ -11,10 +11,10 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from drape.contact.nearest_faces import NearestFaces
+from drape.contact.nearest_points import APART
 from drape.data.garment_frames import GarmentFrames
 from drape.energy.bending import Bending
-from drape.energy.near_centres import APART
-from drape.energy.nearest_faces import NearestFaces
 from drape.energy.phys_material import THICKNESS
 from drape.energy.step import ObstacleStep, Step
 from drape.energy.stvk import StVK
@@ -98,8 +98,8 @@ def feels_contact(x_next: Float[Tensor, "vertices 3"], step: Step) -> Bool[Tenso
     touched = torch.zeros(len(x_next), dtype=torch.bool, device=x_next.device)
     body, mesh = step.obstacle, step.mesh
     for x, place in ((step.x, body.x), (x_next, body.x_next)):
-        near = NearestFaces.find(x, mesh.mesh_of_vertex, body.faces, body.mesh_of_face, place, place, CLEARANCE)
-        touched[near.vertices] = True
+        near = NearestFaces.find(x, mesh.mesh_of_vertex, body.faces, body.mesh_of_face, place, place)
+        touched[near.within(CLEARANCE).points] = True
         tree = cKDTree(torch.cat([x, APART * mesh.mesh_of_vertex[:, None].to(x.dtype)], -1).cpu().numpy())
         first, second = torch.from_numpy(tree.query_pairs(CLEARANCE, output_type="ndarray")).to(x.device).T
         at_rest = (mesh.rest_positions[first] - mesh.rest_positions[second]).norm(dim=-1)

@@ -8,18 +8,19 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.contact.nearest_faces import NearestFaces
 from drape.energy.contact import Contact
-from drape.energy.nearest_faces import NearestFaces
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.errors import DrapeError
 
 
 class Friction(EnergyTerm):
-    """``Σ μ N f(|u|)`` [J] with the tangential slip u [m] of each vertex in contact over the step.
+    """``Σ μ N f(|u|)`` [J] with the tangential slip u [m] of each point in contact over the step.
 
-    ``u`` is the part along the face of ``x' - y'``, where y' is the place to which the body would carry the vertex: the
-    nearest point of the body moved to t + dt, with the offset of the vertex from it turned with the face. Cloth that
+    ``u`` is the part along the face of ``y' - c'`` of a point y of the cloth (:class:`SurfacePoints`), where c' is the
+    place to which the body would carry it: the nearest point of the body moved to t + dt, with the offset of the point
+    from it turned with the face. Cloth that
     moves with a translating and turning body has no slip. N is the force of the contact term at t (lagged by a step,
     as in IPC, Li et al. 2020), so friction exists only where there is contact. With ``e = slip_speed · dt``::
 
@@ -55,42 +56,43 @@ class Friction(EnergyTerm):
         self.slip_speed = slip_speed
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
-        near = step.nearest_faces(self.contact.search_range)
-        square = _slip(x_next, near).square().sum(-1)
+        near = self.contact.near(step)
+        square = _slip(x_next, step, near).square().sum(-1)
         end = self.slip_speed * step.dt
         # the root is taken only above e and the power below, so both have a derivative at every slip
         above = square.clamp(min=end**2).sqrt() - end / 3.0
         low = square.clamp(max=end**2)
         below = low / end - low.pow(1.5) / (3.0 * end**2)
-        return step.sum_stencils(self._grip(near) * torch.where(square > end**2, above, below), near.vertices)
+        energy = self._grip(step, near) * torch.where(square > end**2, above, below)
+        return step.sum_stencils(energy, step.surface.vertices[near.points, 0])
 
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
-        near = step.nearest_faces(self.contact.search_range)
-        slip = _slip(x_next.detach(), near)
+        near = self.contact.near(step)
+        slip = _slip(x_next.detach(), step, near)
         rate, _ = self._rates(slip, step.dt)
-        pull = (self._grip(near) * rate)[:, None] * slip
+        pull = (self._grip(step, near) * rate)[:, None] * slip
         force = (pull[:, :, None] * near.end.tangents).sum(1)
-        gradient = torch.zeros_like(x_next).index_add(0, near.vertices, force)
+        gradient = step.surface.spread(force, near.points, len(x_next))
         return self(x_next.detach(), step), gradient
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
         """``μ N Tᵀ (f'/|u| I + (f'' - f'/|u|) û ûᵀ) T``: exact; f'' is never negative."""
-        near = step.nearest_faces(self.contact.search_range)
-        slip = _slip(x_next.detach(), near)
+        near = self.contact.near(step)
+        slip = _slip(x_next.detach(), step, near)
         rate, drop = self._rates(slip, step.dt)
         shortest = 1e-9 * self.slip_speed * step.dt
         unit = slip / slip.square().sum(-1, keepdim=True).sqrt().clamp(min=shortest)
         identity = torch.eye(2, dtype=slip.dtype, device=slip.device)
         plane = rate[:, None, None] * identity - drop[:, None, None] * unit[:, :, None] * unit[:, None, :]
         tangents = near.end.tangents
-        blocks = self._grip(near)[:, None, None] * (tangents.mT @ plane @ tangents)
-        return [Stencils(near.vertices[:, None], blocks[:, None, :, None, :])]
+        blocks = self._grip(step, near)[:, None, None] * (tangents.mT @ plane @ tangents)
+        return [Stencils(*piece) for piece in step.surface.stencils(near.points, blocks)]
 
-    def _grip(self, near: NearestFaces) -> Float[Tensor, " near"]:
+    def _grip(self, step: Step, near: NearestFaces) -> Float[Tensor, " near"]:
         """μ N [N]."""
-        return self.coefficient * self.contact.normal_force(self.contact.depth_at_start(near))
+        return self.coefficient * self.contact.normal_force(self.contact.depth_at_start(near), step, near)
 
     def _rates(self, slip: Float[Tensor, "near 2"], dt: float) -> tuple[Tensor, Tensor]:
         """``f'/|u|`` and ``f'/|u| - f''`` [1/m]."""
@@ -101,7 +103,7 @@ class Friction(EnergyTerm):
         return rate, torch.where(size > end, 1.0 / long, size / end**2)
 
 
-def _slip(x_next: Float[Tensor, "vertices 3"], near: NearestFaces) -> Float[Tensor, "near 2"]:
+def _slip(x_next: Float[Tensor, "vertices 3"], step: Step, near: NearestFaces) -> Float[Tensor, "near 2"]:
     """Along the two tangents of the face at t + dt [m]; the offset at t is measured along those at t."""
-    arm = x_next[near.vertices] - near.end.point
+    arm = step.surface.chosen_at(x_next, near.points) - near.end.point
     return (near.end.tangents * arm[:, None]).sum(-1) - near.along

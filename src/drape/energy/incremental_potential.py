@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scipy import sparse
 from torch import Tensor, nn
 
-from drape.energy.contact import Contact
+from drape.energy.contact import Contact, SurfaceContact
 from drape.energy.external import ExternalForce
 from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
@@ -64,7 +64,7 @@ class IncrementalPotential(nn.Module):
             terms.append(term)
             reasons[term.name] = f"the fabric is {scene.material.name}"
         if scene.obstacle is not None:
-            contact = contact or Contact()
+            contact = (contact or SurfaceContact()).enlarged(scene.enlarged)
             terms.append(contact)
             reasons["contact"] = f"a body of {len(scene.obstacle.faces)} faces"
             if scene.friction:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.contact.surface_points import SurfacePoints
 from drape.energy.step import ObstacleStep, Step
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.scene import Scene
@@ -26,6 +28,7 @@ class SceneSteps:
         attributes: the scaled vector **a** of its fabric; empty for energies that read no attributes.
         dtype: float32 or float64.
         device: where the energies are evaluated.
+        touching: makes the points of the cloth that meet the body; None: its vertices.
     """
 
     def __init__(
@@ -34,6 +37,7 @@ class SceneSteps:
         attributes: Float[Tensor, " attributes"],
         dtype: torch.dtype = torch.float64,
         device: torch.device | str = "cpu",
+        touching: Callable[[MeshBatch], SurfacePoints] | None = None,
     ):
         self.scene = scene
         self.dtype = dtype
@@ -50,9 +54,10 @@ class SceneSteps:
         self._attributes = attributes[None].to(self.device)
         force = scene.external_force
         self._force = None if force is None else self._put(torch.tensor(force))
-        self._faces = None
+        self._faces = self._touching = None
         if scene.obstacle is not None:
-            self._faces = torch.tensor(scene.obstacle.faces, device=self.device)
+            self._faces = torch.tensor(scene.obstacle.welded_faces, device=self.device)
+            self._touching = (touching or SurfacePoints.of)(self.mesh)
 
     def _put(self, tensor: Tensor) -> Tensor:
         return tensor.to(self.device, self.dtype) if tensor.is_floating_point() else tensor.to(self.device)
@@ -80,6 +85,7 @@ class SceneSteps:
             dt=(stop - start) * scene.dt,
             external_force=self._force,
             obstacle=obstacle,
+            touching=self._touching,
         )
 
     def pinned(self, x: Float[Tensor, "vertices 3"], state: State, stop: float) -> Float[Tensor, "vertices 3"]:

@@ -8,7 +8,8 @@ from functools import cached_property
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from drape.energy.nearest_faces import NearestFaces
+from drape.contact.nearest_faces import NearestFaces
+from drape.contact.surface_points import SurfacePoints
 from drape.errors import DrapeError
 from drape.scene.geometry import EdgeGeometry
 from drape.scene.mesh_batch import MeshBatch
@@ -49,6 +50,8 @@ class Step:
     external_force: Float[Tensor, "vertices 3"] | None = None
     """Constant over the step [N]."""
     obstacle: ObstacleStep | None = None
+    touching: SurfacePoints | None = None
+    """The points of the cloth that can touch bodies, its vertices first; None for the vertices alone."""
 
     @cached_property
     def geometry(self) -> EdgeGeometry:
@@ -60,29 +63,53 @@ class Step:
         """x̂ = x + dt v: where the cloth would be without forces [m] (paper, after eq. 8)."""
         return self.x + self.dt * self.v
 
-    def nearest_faces(self, search_range: float) -> NearestFaces:
-        """The faces of the bodies nearest to the vertices at t, at most ``search_range`` [m] away; searched once.
+    @cached_property
+    def surface(self) -> SurfacePoints:
+        """The points of the cloth that can touch bodies: ``touching``, or the vertices."""
+        return SurfacePoints.of(self.mesh) if self.touching is None else self.touching
+
+    @cached_property
+    def near(self) -> NearestFaces:
+        """The face of the bodies that each point of ``surface`` is nearest to at t; searched once, for all who ask.
+
+        The first points are the vertices.
 
         Raises:
             DrapeError: a step without obstacle.
         """
         if self.obstacle is None:
             raise DrapeError("nearest faces: the step has no obstacle; add terms of contact only to scenes with one")
-        if search_range not in self._nearest_faces:
-            body = self.obstacle
-            self._nearest_faces[search_range] = NearestFaces.find(
-                self.x, self.mesh.mesh_of_vertex, body.faces, body.mesh_of_face, body.x, body.x_next, search_range
-            )
-        return self._nearest_faces[search_range]
+        body = self.obstacle
+        points = self.surface.at(self.x)
+        return NearestFaces.find(points, self.surface.mesh_of_point, body.faces, body.mesh_of_face, body.x, body.x_next)
 
-    def with_nearest_faces(self, near: NearestFaces, search_range: float) -> Step:
+    def near_points(self, reach: float) -> NearestFaces:
+        """Of ``near`` the points at most ``reach`` [m] from the body."""
+        return self._near_within(reach, None)
+
+    def near_vertices(self, reach: float) -> NearestFaces:
+        """Of ``near`` the vertices at most ``reach`` [m] from the body; their ``points`` are numbers of vertices."""
+        return self._near_within(reach, self.mesh.num_vertices)
+
+    def _near_within(self, reach: float, first: int | None) -> NearestFaces:
+        if (reach, first) not in self._kept:
+            self._kept[reach, first] = self.near.within(reach, first)
+        return self._kept[reach, first]
+
+    def near_at_end(self, x_next: Float[Tensor, "vertices 3"]) -> NearestFaces:
+        """As ``near``, of cloth at ``x_next`` and bodies at t + dt: to go on with where points have left their faces."""
+        body, points = self.obstacle, self.surface
+        at = points.at(x_next)
+        return NearestFaces.find(at, points.mesh_of_point, body.faces, body.mesh_of_face, body.x_next, body.x_next)
+
+    def with_near(self, near: NearestFaces) -> Step:
         """The same step with other nearest faces than those at t."""
         step = replace(self)
-        step._nearest_faces[search_range] = near
+        step.__dict__.update(near=near, surface=self.surface)
         return step
 
     @cached_property
-    def _nearest_faces(self) -> dict[float, NearestFaces]:
+    def _kept(self) -> dict[tuple[float, int | None], NearestFaces]:
         return {}
 
     def sum_stencils(self, per_stencil: Float[Tensor, " stencils"], vertex: Int[Tensor, " stencils"]) -> Tensor:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from drape.contact.penetration import Penetration
 from drape.data.motion import edge_strain
-from drape.energy.penetration import depth_inside
 from drape.metrics.collision import behind_nearest_vertex
 from drape.metrics.drift import energy_drift, momentum_drift
 from drape.metrics.position import distance_by_frame
@@ -31,8 +31,6 @@ SCORES = {
 """Name, which ends in the unit, and meaning of the number that each frame has."""
 EVERY = 8
 """Self-intersection is measured in every so many frames, and in the last one; it costs more than all else."""
-DEPTH = 0.25
-"""How deep inside the body a vertex is looked for [m]: more than half a body is thick."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +84,11 @@ def _body_scores(garment: AnimatedGarment) -> dict[str, Float[np.ndarray, " fram
     frames, obstacle = range(1, len(garment.x)), garment.scene.obstacle
     if obstacle is None:
         return dict.fromkeys(("collision_percent", "inside_percent", "deepest_mm"), np.full(len(frames), np.nan))
-    bodies = [(garment.x[k], obstacle.at(k)) for k in frames]
-    depth = np.stack([depth_inside(x, obstacle.faces, body, DEPTH) for x, body in bodies])
-    behind = [behind_nearest_vertex(x, body, obstacle.faces).mean() for x, body in bodies]
+    penetration = Penetration(garment.scene.mesh, obstacle)
+    depth = np.stack([penetration.depth(garment.x[k], k) for k in frames])
+    behind = [behind_nearest_vertex(garment.x[k], obstacle.at(k), obstacle.faces).mean() for k in frames]
     return {
         "collision_percent": 100 * np.array(behind),
-        "inside_percent": 100 * (depth > 0).mean(axis=1),
+        "inside_percent": 100 * (depth > 0) @ penetration.share,
         "deepest_mm": 1e3 * depth.max(axis=1),
     }

@@ -9,11 +9,10 @@ import numpy as np
 from jaxtyping import Float
 from torch import nn
 
+from drape.contact.penetration import Penetration
 from drape.data.garment_scene import recorded_scene
 from drape.data.garment_sequence import GarmentSequence
-from drape.energy.penetration import depth_inside
 from drape.metrics.collision import behind_nearest_vertex
-from drape.metrics.garment_scores import DEPTH
 from drape.metrics.position import distance_by_frame
 from drape.simulators.neural.cloths import Cloths
 from drape.simulators.neural.neural import NeuralSimulator
@@ -46,7 +45,8 @@ def rollout_scores(
     x = np.stack([state.x for state in states])
     error = 1e3 * distance_by_frame(x, scene.reference[: len(x)])[1:]
     looked, faces = range(EVERY, len(x), EVERY), scene.obstacle.faces
-    inside = [(depth_inside(x[k], faces, scene.obstacle.at(k), DEPTH) > 0).mean() for k in looked]
+    penetration = Penetration(scene.mesh, scene.obstacle)
+    inside = [penetration.inside(x[k], k) for k in looked]
     behind = [behind_nearest_vertex(x[k], scene.obstacle.at(k), faces).mean() for k in looked]
     scores = {
         "error_mm": float(error.mean()),

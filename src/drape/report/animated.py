@@ -21,7 +21,7 @@ from drape.simulators.term_costs import search_seconds, term_costs
 
 def explained(potential: IncrementalPotential, step: Step) -> Table:
     """The terms: why each is there, and what it costs at each evaluation and at each factorisation."""
-    search = search_seconds(potential, step)
+    search = search_seconds(step)
     rows = tuple(
         (cost.name, cost.reason, f"{1e3 * cost.seconds:.2f}", f"{1e3 * cost.hessian_seconds:.2f}")
         for cost in term_costs(potential, step)

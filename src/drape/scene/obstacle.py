@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -45,6 +46,18 @@ class Obstacle:
     def is_static(self) -> bool:
         """It has one frame, which holds at all times."""
         return self.num_frames == 1
+
+    @cached_property
+    def welded_faces(self) -> Int[np.ndarray, "faces 3"]:
+        """The faces with one vertex in the place of all that coincide in every frame.
+
+        Files often give each face corners of its own, as for shading; which faces share an edge is lost then.
+        """
+        count = self.positions.shape[1]
+        _, first, which = np.unique(self.positions[0], axis=0, return_index=True, return_inverse=True)
+        same = first[which.reshape(-1)]
+        together = (self.positions == self.positions[:, same]).all(axis=(0, 2))
+        return np.where(together, same, np.arange(count))[self.faces]
 
     def at(self, frame: int) -> Float[np.ndarray, "body_vertices 3"]:
         """Positions at time ``frame * dt`` [m].

@@ -46,6 +46,8 @@ class Scene:
     obstacle: Obstacle | None = None
     friction: float | None = None
     """Coefficient between cloth and body; None: they slip freely."""
+    enlarged: float = 1.0
+    """How many times its real size everything is; the distance that cloth keeps from bodies grows with it."""
     reference: Float[np.ndarray, "recorded vertices 3"] | None = None
     """Where another simulator had the cloth in frames 0 to ``frames``, to compare with [m]."""
 

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from drape.energy.incremental_potential import IncrementalPotential
-from drape.energy.penetration import faces_at_end
 from drape.energy.scene_step import SceneSteps
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
@@ -80,14 +79,16 @@ class ImplicitSolver:
         if not tolerance > 0:
             raise DrapeError(f"simulator.tolerance: found {tolerance}; expected newtons, more than 0")
         self.potential = potential.to(device=device, dtype=PRECISIONS[precision])
-        self.steps = SceneSteps(scene, attributes, PRECISIONS[precision], device)
+        contact = self.potential.contact
+        surface = None if contact is None else contact.surface
+        self.steps = SceneSteps(scene, attributes, PRECISIONS[precision], device, surface)
         self.tolerance = tolerance
         self.iterations = iterations
         self.substeps = substeps
         self._minimiser = Minimiser(self.potential, self.steps.free, single=factors == "float32")
         self._carried = None
-        if scene.obstacle is not None:
-            self._carried = KinematicPrior(Nothing(), **CARRIED, search_range=self.potential.contact.search_range)
+        if contact is not None:
+            self._carried = KinematicPrior(Nothing(), **CARRIED, reach=contact.reach)
         self._is_left_alone = scene.obstacle is None and (scene.pins is None or scene.pins.is_static)
 
     def step(self, state: State, frame: int) -> StepResult:
@@ -117,11 +118,10 @@ class ImplicitSolver:
         x, found, outcome, used, residual = self._minimiser.minimise(starts, step, self.tolerance, self.iterations)
         before = self._minimiser.standing.terms
         for _ in range(ROUNDS if step.obstacle is not None and outcome is not Outcome.NOT_FINITE else 0):
-            reach = self.potential.contact.search_range
-            near = faces_at_end(x, step, reach)
+            near = step.near_at_end(x)
             if not bool((near.distance < 0).any()):
                 break
-            step = step.with_nearest_faces(near, reach)
+            step = step.with_near(near)
             x, found, outcome, more, residual = self._minimiser.minimise([x], step, self.tolerance, self.iterations)
             used += more
         if outcome is Outcome.NOT_FINITE:

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
+from drape.contact.penetration import Penetration, push_out
 from drape.data.animation_writer import AnimationWriter
-from drape.energy.penetration import inside_fraction, push_out
 from drape.scene.scene import Scene
 from drape.scene.state import State
 from drape.simulators.simulator import Outcome, Simulator, StepResult
 
 COLUMNS = {"iterations": "1", "residual": "N", "substeps": "1", "outcome": "1", "seconds": "s", "inside": "1"}
-"""Stored with each frame; ``outcome``: its place among the :class:`Outcome`, 0 is converged; ``inside``: share of the
-vertices inside the body."""
+"""Stored with each frame; ``outcome``: its place among the :class:`Outcome`, 0 is converged; ``inside``: share of
+the surface inside the body."""
 CLEARANCE = 2e-3
 """Distance from the body to which the first frame is moved where it is inside [m]."""
 
@@ -37,8 +37,8 @@ def first_frame(scene: Scene) -> State:
     """The initial state, with vertices that are inside the body moved out of it and stopped."""
     if scene.obstacle is None:
         return scene.initial
-    initial, body = scene.initial, scene.obstacle
-    x = push_out(initial.x, body.faces, body.at(0), CLEARANCE, _reach(body.at(0)))
+    initial = scene.initial
+    x = push_out(initial.x, scene.obstacle, CLEARANCE)
     moved = (x != initial.x).any(axis=1, keepdims=True)
     return State(x, np.where(moved, 0.0, initial.v))
 
@@ -62,16 +62,17 @@ def frames(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Itera
         writer.append(first_frame(scene))
     done = writer.num_frames - 1
     state = writer.state(done)
+    penetration = None if scene.obstacle is None else Penetration(scene.mesh, scene.obstacle)
     for frame in range(done, scene.frames):
         began = time.perf_counter()
         result = simulator.step(state, frame)
         seconds = time.perf_counter() - began
         state = result.state
-        writer.append(state, _numbers(result, seconds, scene, frame + 1))
+        writer.append(state, _numbers(result, seconds, penetration, frame + 1))
         yield result.outcome, seconds
 
 
-def _numbers(result: StepResult, seconds: float, scene: Scene, frame: int) -> dict[str, float]:
+def _numbers(result: StepResult, seconds: float, penetration: Penetration | None, frame: int) -> dict[str, float]:
     numbers = {
         "iterations": float(result.iterations),
         "residual": result.residual,
@@ -79,12 +80,6 @@ def _numbers(result: StepResult, seconds: float, scene: Scene, frame: int) -> di
         "outcome": float(list(Outcome).index(result.outcome)),
         "seconds": seconds,
     }
-    if scene.obstacle is not None:
-        body = scene.obstacle.at(frame)
-        numbers["inside"] = inside_fraction(result.state.x, scene.obstacle.faces, body, _reach(body))
+    if penetration is not None:
+        numbers["inside"] = penetration.inside(result.state.x, frame)
     return numbers
-
-
-def _reach(body: np.ndarray) -> float:
-    """How far inside a vertex can be [m]: half the largest extent of the body."""
-    return 0.5 * float(np.ptp(body, axis=0).max())

@@ -35,12 +35,12 @@ def term_costs(potential: IncrementalPotential, step: Step) -> list[TermCost]:
     return [cost(term) for term in potential.terms]
 
 
-def search_seconds(potential: IncrementalPotential, step: Step) -> float | None:
+def search_seconds(step: Step) -> float | None:
     """What finding the nearest faces of a body costs, once a step; None without a body: nothing is searched."""
     if step.obstacle is None:
         return None
     began = time.perf_counter()
-    step.nearest_faces(potential.contact.search_range)
+    _ = step.near
     return time.perf_counter() - began
 
 

@@ -41,7 +41,8 @@ def custom(
 ) -> Scene:
     """A garment (rest shape ``mesh``, initial positions ``start`` or the rest shape) and perhaps a body.
 
-    Units, axes and kinds of file: see :func:`read_cloth` and :func:`read_obstacle`. ``pins``: see
+    A ``scale`` above 1 enlarges the scene, as files are in metres at most. Units, axes and kinds of file: see
+    :func:`read_cloth` and :func:`read_obstacle`. ``pins``: see
     :func:`pinned_vertices`; they are held where they start, or move with the body's surface.
 
     Raises:
@@ -76,6 +77,7 @@ def custom(
         pins=held,
         obstacle=obstacle,
         friction=None if obstacle is None else friction,
+        enlarged=max(1.0, scale),
     )
 
 

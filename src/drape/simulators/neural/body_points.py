@@ -27,10 +27,9 @@ class BodyPoints:
     """Of the vertex at t [m]; negative inside the body."""
 
     @classmethod
-    def of(cls, step: Step, reach: float, search_range: float) -> BodyPoints:
-        """Of vertices inside the body or up to ``reach`` [m] away; ``search_range`` [m] says which search to share."""
-        near, body = step.nearest_faces(search_range), step.obstacle
-        kept = (near.distance <= reach).nonzero()[:, 0]
-        corners = body.x[body.faces[near.faces[kept]]]
-        x, x_next = (near.barycentric[kept, :, None] * corners).sum(1), near.end.point[kept]
-        return cls(near.vertices[kept], x, x_next, (x_next - x) / step.dt, near.end.normal[kept], near.distance[kept])
+    def of(cls, step: Step, reach: float) -> BodyPoints:
+        """Of vertices inside the body or up to ``reach`` [m] away."""
+        near, body = step.near_vertices(reach), step.obstacle
+        corners = body.x[body.faces[near.faces]]
+        x, x_next = (near.barycentric[..., None] * corners).sum(1), near.end.point
+        return cls(near.points, x, x_next, (x_next - x) / step.dt, near.end.normal, near.distance)

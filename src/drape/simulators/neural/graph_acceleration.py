@@ -32,7 +32,6 @@ class GraphAcceleration(nn.Module):
         net: makes a :class:`MeshGraphNet` from ``(size_node, sizes_edge, size_out)`` and ``answers``.
         attributes: number of material attributes.
         coarse_levels: of HOOD's hierarchy, which the schedule of ``net`` must use; 0 for MGN.
-        search_range: how far around the body faces are searched [m]; that of the contact energy shares its search.
         thickness: distance from the body at which contact begins [m].
         speed: typical speed of a vertex [m/s].
         acceleration: typical acceleration of a vertex [m/s²].
@@ -50,7 +49,6 @@ class GraphAcceleration(nn.Module):
         *,
         attributes: int,
         coarse_levels: int,
-        search_range: float,
         thickness: float,
         speed: float,
         acceleration: float,
@@ -60,18 +58,18 @@ class GraphAcceleration(nn.Module):
     ):
         super().__init__()
         positive = {"thickness": thickness, "speed": speed, "acceleration": acceleration}
-        positive |= {"edge_length": edge_length, "mass": mass}
-        if not (all(0 < value < math.inf for value in positive.values()) and 0 < reach <= search_range < math.inf):
+        positive |= {"edge_length": edge_length, "mass": mass, "reach": reach}
+        if not all(0 < value < math.inf for value in positive.values()):
             raise DrapeError(
-                f"graph network: {', '.join(f'{name} {value}' for name, value in positive.items())}, reach {reach} m, "
-                f"search_range {search_range} m; expected positive finite numbers with reach <= search_range"
+                f"graph network: {', '.join(f'{name} {value}' for name, value in positive.items())}; expected positive "
+                "finite numbers"
             )
         if coarse_levels < 0 or attributes < 0:
             raise DrapeError(
                 f"graph network: coarse_levels {coarse_levels}, attributes {attributes}; expected 0 or more of each"
             )
         self.inputs = GraphInputs(
-            attributes, coarse_levels, reach, search_range, thickness, speed, acceleration, edge_length, mass
+            attributes, coarse_levels, reach, thickness, speed, acceleration, edge_length, mass
         )
         self.acceleration = acceleration
         self.net = net(self.inputs.size_node, self.inputs.sizes_edge, 3, answers=("mesh", "body"))

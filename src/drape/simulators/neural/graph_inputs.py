@@ -57,7 +57,6 @@ class GraphInputs:
     attributes: int
     coarse_levels: int
     reach: float
-    search_range: float
     thickness: float
     speed: float
     acceleration: float
@@ -92,7 +91,7 @@ class GraphInputs:
             hierarchy = mesh.coarse_levels(self.coarse_levels)
             level = hierarchy.level
             sets |= {f"coarse_{number}": ends for number, ends in enumerate(hierarchy.edges, 1)}
-        points = None if step.obstacle is None else BodyPoints.of(step, self.reach, self.search_range)
+        points = None if step.obstacle is None else BodyPoints.of(step, self.reach)
         nodes = self._cloth_nodes(step, heading, level, points)
         edges = {name: self._cloth_edges(step, heading, ends) for name, ends in sets.items()}
         if points is not None:

@@ -9,11 +9,11 @@ from drape.simulators.neural.kinematic_prior import KinematicPrior, Nothing
 from drape.simulators.neural.neural import NeuralSimulator
 
 
-def kinematic(scene: Scene, share: float, rounds: int, search_range: float) -> NeuralSimulator:
+def kinematic(scene: Scene, share: float, rounds: int, reach: float) -> NeuralSimulator:
     """A :class:`KinematicPrior` with these numbers and a network that has learned nothing: no weight, no fabric.
 
     Raises:
         DrapeError: numbers out of range.
     """
-    prior = KinematicPrior(Nothing(), share, rounds, search_range)
+    prior = KinematicPrior(Nothing(), share, rounds, reach)
     return NeuralSimulator(prior, RecordedCloths(dict.fromkeys(ATTRIBUTES, 1.0)), scene)

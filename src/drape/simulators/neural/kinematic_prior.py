@@ -19,7 +19,7 @@ from drape.simulators.neural.rigid_motion import RigidMotion
 class KinematicPrior(nn.Module):
     """The acceleration [m/s²] after which ``x' = nearer_to_rest(x + dt (ṽ + dt network(x, ṽ)))``.
 
-    ``ṽ = v + share (1 - (d / search_range)²) (v_b - v)``, with the distance d from the body and the velocity v_b that
+    ``ṽ = v + share (1 - (d / reach)²) (v_b - v)``, with the distance d from the body and the velocity v_b that
     the vertex would have if it were fixed to its closest point p there: ``v_b = v_p + (R - 1)(x - p) / dt``, R the
     rotation of the body's closest points to the garment (:class:`RigidMotion`; each counts as much as it pulls). A
     garment that moves rigidly with its body so goes on to. ṽ is what the network is told as the velocity; it predicts
@@ -32,22 +32,21 @@ class KinematicPrior(nn.Module):
         network: what predicts the rest.
         share: of the relative velocity that is gone after a step, on the body itself; 0 leaves that out.
         rounds: of :func:`nearer_to_rest`; 0 leaves it out.
-        search_range: how far around the body faces are searched [m], where the share has fallen to 0; that of the
-            contact energy shares its search.
+        reach: distance from the body at which the share has fallen to 0 [m].
 
     Raises:
         DrapeError: numbers out of range.
     """
 
-    def __init__(self, network: nn.Module, share: float, rounds: int, search_range: float):
+    def __init__(self, network: nn.Module, share: float, rounds: int, reach: float):
         super().__init__()
-        if not (0.0 <= share <= 1.0 and 0.0 < search_range < math.inf and rounds >= 0):
+        if not (0.0 <= share <= 1.0 and 0.0 < reach < math.inf and rounds >= 0):
             raise DrapeError(
-                f"kinematic prior: share {share}, rounds {rounds}, search_range {search_range} m; expected a share "
+                f"kinematic prior: share {share}, rounds {rounds}, reach {reach} m; expected a share "
                 "from 0 to 1, no less than 0 rounds, and a positive length"
             )
         self.network = network
-        self.share, self.rounds, self.search_range = share, rounds, search_range
+        self.share, self.rounds, self.reach = share, rounds, reach
 
     def forward(self, step: Step) -> Float[Tensor, "vertices 3"]:
         """In world axes and the precision of the step; 0 at pinned vertices."""
@@ -63,14 +62,14 @@ class KinematicPrior(nn.Module):
         """The same step of cloth that has begun to go with the body; the search is shared."""
         if step.obstacle is None or self.share == 0.0:
             return step
-        near = BodyPoints.of(step, self.search_range, self.search_range)
-        gone = self.share * (1.0 - (near.distance / self.search_range).clamp(0.0, 1.0).square())
+        near = BodyPoints.of(step, self.reach)
+        gone = self.share * (1.0 - (near.distance / self.reach).clamp(0.0, 1.0).square())
         mesh_of = step.mesh.mesh_of_vertex[near.vertices]
         turn = RigidMotion.fit(near.x, near.x_next, gone, mesh_of, step.mesh.num_meshes)
         beyond = turn.shift(step.x[near.vertices], mesh_of) - turn.shift(near.x, mesh_of)
         pulled = gone[:, None] * (near.velocity + beyond / step.dt - step.v[near.vertices])
         v = step.v + torch.zeros_like(step.v).index_add(0, near.vertices, pulled) * step.free[:, None]
-        return replace(step, v=v).with_nearest_faces(step.nearest_faces(self.search_range), self.search_range)
+        return replace(step, v=v).with_near(step.near)
 
 
 class Nothing(nn.Module):

@@ -29,8 +29,7 @@ class LayersAcceleration(nn.Module):
     Args:
         net: makes a :class:`LayersTransformer` from ``(patch_size_in, body_size_in)``.
         attributes: number of material attributes.
-        search_range: how near the body must be to be felt by a vertex [m]; that of the contact energy shares its
-            search.
+        felt_reach: how near the body must be to be felt by a vertex [m].
         speed: typical speed of a vertex [m/s].
         acceleration: typical acceleration of a vertex [m/s²].
         edge_length: typical length of an edge [m].
@@ -50,7 +49,7 @@ class LayersAcceleration(nn.Module):
         net: Callable[..., LayersTransformer],
         *,
         attributes: int,
-        search_range: float,
+        felt_reach: float,
         speed: float,
         acceleration: float,
         edge_length: float,
@@ -63,7 +62,7 @@ class LayersAcceleration(nn.Module):
     ):
         super().__init__()
         positive = {
-            "search_range": search_range, "speed": speed, "acceleration": acceleration, "edge_length": edge_length,
+            "felt_reach": felt_reach, "speed": speed, "acceleration": acceleration, "edge_length": edge_length,
             "mass": mass, "patch_size": patch_size, "patch_reach": patch_reach, "body_reach": body_reach,
         }  # fmt: skip
         wrong = [f"{name} {value}" for name, value in positive.items() if not 0 < value < math.inf]
@@ -74,7 +73,7 @@ class LayersAcceleration(nn.Module):
             raise DrapeError(f"LayersNet: found {', '.join(wrong)}; expected positive finite numbers")
         self.inputs = LayersInputs(
             attributes=attributes, patch_size=patch_size, patch_reach=patch_reach, world_neighbours=world_neighbours,
-            body_reach=body_reach, body_neighbours=body_neighbours, search_range=search_range, speed=speed,
+            body_reach=body_reach, body_neighbours=body_neighbours, felt_reach=felt_reach, speed=speed,
             acceleration=acceleration, edge_length=edge_length, mass=mass,
         )  # fmt: skip
         self.acceleration = acceleration

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from drape.contact.nearest_points import NearestPoints
 from drape.energy.step import Step
 from drape.errors import DrapeError
 from drape.nets.interaction import Interactions
@@ -16,7 +17,6 @@ from drape.scene.geometry import TINY, safe_norm
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.patches import Patches
 from drape.simulators.neural.heading import Heading
-from drape.simulators.neural.nearest_points import NearestPoints
 
 
 class BodySenders(NamedTuple):
@@ -49,7 +49,7 @@ class LayersInputs:
         world_neighbours: how many of them at most.
         body_reach: how near the centre of a face of the body must be to be heard by a patch [m].
         body_neighbours: how many of them at most.
-        search_range: how near the body must be to be felt by a vertex [m].
+        felt_reach: how near the body must be to be felt by a vertex [m].
         speed: unit of velocities [m/s].
         acceleration: unit of accelerations [m/s²].
         edge_length: unit of the distances of vertices from patches and body [m].
@@ -62,7 +62,7 @@ class LayersInputs:
     world_neighbours: int
     body_reach: float
     body_neighbours: int
-    search_range: float
+    felt_reach: float
     speed: float
     acceleration: float
     edge_length: float
@@ -110,15 +110,15 @@ class LayersInputs:
         felt = step.x.new_zeros(step.mesh.num_vertices, 15)
         if step.obstacle is None:
             return felt
-        near = step.nearest_faces(self.search_range)
+        near = step.near_vertices(self.felt_reach)
         axes = torch.cat([near.end.tangents, near.end.normal[:, None]], 1)
-        arm = (step.inertial[near.vertices] - near.end.point) / self.edge_length
-        mesh_of = step.mesh.mesh_of_vertex[near.vertices]
+        arm = (step.inertial[near.points] - near.end.point) / self.edge_length
+        mesh_of = step.mesh.mesh_of_vertex[near.points]
         vectors = _inward(heading, torch.cat([axes, arm[:, None]], 1), mesh_of)
         height = (arm * near.end.normal).sum(-1, keepdim=True)
         distance = near.distance[:, None] / self.edge_length
         rows = _joined(step, torch.ones_like(distance), distance, height, vectors.flatten(1))
-        return felt.index_copy(0, near.vertices, rows)
+        return felt.index_copy(0, near.points, rows)
 
     def of_patches(
         self, vertices: Float[Tensor, "vertices size_cloth"], patches: Patches, step: Step, heading: Heading

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from drape.energy.mesh_distances import mesh_distances
+from drape.contact.mesh_distances import mesh_distances
 
 APART = 1e6
 """Distance between points of different cloths in the fourth coordinate [m]."""

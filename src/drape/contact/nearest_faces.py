@@ -1,8 +1,8 @@
-"""The face of the body that is nearest to each vertex of the cloth: exact, on the side where the vertex is."""
+"""The face of the body that is nearest to each point of the cloth: exact, on the side where the point is."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import pi
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from drape.energy.near_centres import Centres, Pairs, gathered, pairs_in_reach
+from drape.contact.closest_faces import Pairs, closest_faces, gathered
 from drape.scene.corners import cross, dot
 from drape.scene.triangles import closest_on_triangles
 
@@ -30,57 +30,65 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NearestFaces:
-    """The vertices near the body at the start of a step, and what each is near to."""
+    """Points of the cloth at the start of a step, and the face of the body that each is nearest to."""
 
-    vertices: Int[Tensor, " near"]
-    """Each at most once, in ascending order."""
+    points: Int[Tensor, " near"]
+    """Rows of what was searched for, each at most once, in ascending order."""
     faces: Int[Tensor, " near"]
     barycentric: Float[Tensor, "near 3"]
     """Of the closest point on the face."""
     distance: Float[Tensor, " near"]
     """To the closest point [m]; negative inside the body."""
     along: Float[Tensor, "near 2"]
-    """Offset of the vertex from the closest point along the tangents of the face at t [m]; 0 except at edges."""
+    """Offset of the point from the closest one along the tangents of the face at t [m]; 0 except at edges."""
     height: Float[Tensor, " near"]
-    """Offset of the vertex from the closest point along the normal of the face at t [m]."""
+    """Offset of the point from the closest one along the normal of the face at t [m]."""
     end: Frame
     """Where the closest point of the body is at t + dt."""
 
     @classmethod
     def find(
         cls,
-        x: Float[Tensor, "vertices 3"],
-        mesh_of_vertex: Int[Tensor, " vertices"],
+        x: Float[Tensor, "points 3"],
+        mesh_of_point: Int[Tensor, " points"],
         faces: Int[Tensor, "faces 3"],
         mesh_of_face: Int[Tensor, " faces"],
         body: Float[Tensor, "body_vertices 3"],
         body_next: Float[Tensor, "body_vertices 3"],
-        search_range: float,
     ) -> NearestFaces:
-        """For each vertex of ``x`` at most ``search_range`` [m] from a face of its own ``body``; no graph.
+        """For each row of ``x`` the nearest face of its own ``body``; no graph. All rows, unless there is no face.
 
         Inside or outside is told by the mean of the normals of all faces that share the closest point, weighted
         by their angles there (Baerentzen and Aanaes 2005), so corners and edges have the right side; of those
-        faces the one is taken that faces the vertex most directly on this side. Searched in float64.
+        faces the one is taken that faces the point most directly on this side. Searched in float64. Faces share a
+        point where they share vertices: see :attr:`drape.scene.obstacle.Obstacle.welded_faces`.
         """
         with torch.no_grad():
             points, corners = x.double(), body.double()[faces]
             kept = _with_area(corners)
-            centres = Centres.of(corners[kept], mesh_of_face[kept])
-            pairs = pairs_in_reach(points, mesh_of_vertex, corners[kept], centres, search_range)
-            near = _choose(pairs, points, corners[kept], search_range)
+            pairs = closest_faces(points, mesh_of_point, faces[kept], mesh_of_face[kept], body.double())
+            near = _choose(pairs, points, corners[kept])
             face = kept[near.face]
             chosen = faces[face]
             start, end = (_frame(place.double()[chosen], near.barycentric) for place in (body, body_next))
-            arm = points[near.vertex] - start.point
+            arm = points[near.point] - start.point
             along, height = (start.tangents * arm[:, None]).sum(-1), (start.normal * arm).sum(-1)
             parts = (near.barycentric, near.distance, along, height)
             end = Frame(*(part.to(x.dtype) for part in end))
-            return cls(near.vertex, face, *(part.to(x.dtype) for part in parts), end)
+            return cls(near.point, face, *(part.to(x.dtype) for part in parts), end)
+
+    def within(self, reach: float, first: int | None = None) -> NearestFaces:
+        """Those at most ``reach`` [m] from the body or inside it; of the ``first`` so many rows only."""
+        chosen = self.distance <= reach
+        if first is not None:
+            chosen &= self.points < first
+        rows = chosen.nonzero()[:, 0]
+        parts = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "end"}
+        return NearestFaces(**parts, end=Frame(*(part[rows] for part in self.end)))
 
 
 class _Near(NamedTuple):
-    vertex: Int[Tensor, " near"]
+    point: Int[Tensor, " near"]
     face: Int[Tensor, " near"]
     barycentric: Float[Tensor, "near 3"]
     distance: Float[Tensor, " near"]
@@ -92,30 +100,28 @@ def _with_area(corners: Float[Tensor, "faces 3 3"]) -> Int[Tensor, " kept"]:
     return (double_area > FLAT * sides.square().sum((1, 2))).nonzero()[:, 0]
 
 
-def _choose(
-    pairs: Pairs, points: Float[Tensor, "vertices 3"], corners: Float[Tensor, "faces 3 3"], search_range: float
-) -> _Near:
+def _choose(pairs: Pairs, points: Float[Tensor, "points 3"], corners: Float[Tensor, "faces 3 3"]) -> _Near:
     """Of all pairs that may be nearest the one that is, with its sign."""
-    point, triangle = gathered(points, pairs.vertex), gathered(corners, pairs.face)
-    barycentric, distance = closest_on_triangles(point, triangle)
+    place, triangle = gathered(points, pairs.point), gathered(corners, pairs.face)
+    barycentric, distance = closest_on_triangles(place, triangle)
     count = len(points)
-    best = distance.new_full((count,), torch.inf).scatter_reduce(0, pairs.vertex, distance, "amin")
-    nearest = best[pairs.vertex]
-    tied = ((distance <= nearest + TIE * pairs.radius) & (nearest <= search_range)).nonzero()[:, 0]
-    vertex, face = pairs.vertex[tied], pairs.face[tied]
+    best = distance.new_full((count,), torch.inf).scatter_reduce(0, pairs.point, distance, "amin")
+    size = (triangle - triangle.roll(1, 0)).square().sum(1).amax(0).sqrt()
+    tied = (distance <= best[pairs.point] + TIE * size).nonzero()[:, 0]
+    point, face = pairs.point[tied], pairs.face[tied]
     barycentric, triangle = barycentric[:, tied], triangle[..., tied]
     normal = cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
-    arm = point[:, tied] - (barycentric[:, None] * triangle).sum(0)
+    arm = place[:, tied] - (barycentric[:, None] * triangle).sum(0)
     height = dot(arm, normal) / dot(normal, normal).sqrt()
-    outward = height.new_zeros(count).index_add(0, vertex, _angle(barycentric, triangle) * height)
+    outward = height.new_zeros(count).index_add(0, point, _angle(barycentric, triangle) * height)
     sign = torch.where(outward < 0.0, -1.0, 1.0)
-    score = sign[vertex] * height
-    highest = score.new_full((count,), -torch.inf).scatter_reduce(0, vertex, score, "amax")
-    winners = (score == highest[vertex]).nonzero()[:, 0]
-    first = winners.new_full((count,), len(tied)).scatter_reduce(0, vertex[winners], winners, "amin")
+    score = sign[point] * height
+    highest = score.new_full((count,), -torch.inf).scatter_reduce(0, point, score, "amax")
+    winners = (score == highest[point]).nonzero()[:, 0]
+    first = winners.new_full((count,), len(tied)).scatter_reduce(0, point[winners], winners, "amin")
     chosen = first[first < len(tied)]
-    vertex = vertex[chosen]
-    return _Near(vertex, face[chosen], barycentric[:, chosen].T, sign[vertex] * best[vertex])
+    point = point[chosen]
+    return _Near(point, face[chosen], barycentric[:, chosen].T, sign[point] * best[point])
 
 
 def _angle(barycentric: Float[Tensor, "3 pairs"], corners: Float[Tensor, "3 3 pairs"]) -> Float[Tensor, " pairs"]:

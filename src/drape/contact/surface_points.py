@@ -1,0 +1,110 @@
+"""Points of the surface of a cloth: its vertices, and between them points of its edges and faces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from drape.scene.mesh_batch import MeshBatch
+
+
+class Kind(NamedTuple):
+    """The points of all vertices, of all edges, or of all faces."""
+
+    first: int
+    """Row of the first of them among all points."""
+    carriers: Int[Tensor, "carriers corners"]
+    """The vertices that each edge or face has; point k of a kind lies on carrier ``k % carriers``."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePoints:
+    """``y_p = Σ_k w_pk x_k``: each vertex, then ``per_edge`` points inside each edge, then ``per_face`` in each face.
+
+    A cloth whose vertices alone are asked lets bodies into its faces, and hangs too low by what a face sinks in: on
+    a body of radius R by l²/(8R) between points that are l apart.
+    """
+
+    vertices: Int[Tensor, "points 3"]
+    """Corners of the edge or face that a point lies on; repeated where there are fewer."""
+    weights: Float[Tensor, "points 3"]
+    """Of the corners; they sum to 1."""
+    mass_shares: Float[Tensor, "points 3"]
+    """What a point carries of the mass of each corner; over all points they sum to 1 for each vertex."""
+    mesh_of_point: Int[Tensor, " points"]
+    kinds: tuple[Kind, ...]
+
+    @classmethod
+    def of(cls, mesh: MeshBatch, per_edge: int = 0, per_face: int = 0) -> SurfacePoints:
+        """Of every cloth of a batch; each kind of points that is there carries the same share of the mass."""
+        own = torch.arange(mesh.num_vertices, device=mesh.faces.device)[:, None]
+        inside = [((k + 1) / (per_edge + 1), 1 - (k + 1) / (per_edge + 1)) for k in range(per_edge)]
+        kinds = [(own, [(1.0,)]), (mesh.edges, inside), (mesh.faces, IN_FACE[per_face])]
+        there = [(carriers, weights) for carriers, weights in kinds if weights]
+        rows, found = [], []
+        for carriers, weights in there:
+            found.append(Kind(sum(len(row[0]) for row in rows), carriers))
+            count = carriers.reshape(-1).bincount(minlength=mesh.num_vertices).clamp(min=1)
+            share = 1.0 / (len(there) * len(weights) * count[carriers].double())
+            rows += [(carriers, carriers.new_tensor(w, dtype=torch.float64).expand(len(carriers), -1), share) for w in weights]
+        vertices, weights, shares = (torch.cat([_padded(row[part], part == 0) for row in rows]) for part in range(3))
+        dtype = mesh.rest_lengths.dtype
+        return cls(vertices, weights.to(dtype), shares.to(dtype), mesh.mesh_of_vertex[vertices[:, 0]], tuple(found))
+
+    def at(self, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "points 3"]:
+        """Where the points are when the vertices are at ``x`` [m]."""
+        return self._at(x, self.vertices, self.weights)
+
+    def chosen_at(self, x: Float[Tensor, "vertices 3"], chosen: Int[Tensor, " chosen"]) -> Float[Tensor, "chosen 3"]:
+        """The same for some of the points."""
+        return self._at(x, self.vertices[chosen], self.weights[chosen])
+
+    @staticmethod
+    def _at(x: Tensor, vertices: Tensor, weights: Tensor) -> Tensor:
+        return (x[vertices] * weights.to(x)[..., None]).sum(1)
+
+    def mass(self, mass: Float[Tensor, " vertices"], chosen: Int[Tensor, " chosen"]) -> Float[Tensor, " chosen"]:
+        """What each of the points carries of the ``mass`` of the vertices [kg]."""
+        return (mass[self.vertices[chosen]] * self.mass_shares[chosen].to(mass)).sum(-1)
+
+    def spread(
+        self, force: Float[Tensor, "chosen 3"], chosen: Int[Tensor, " chosen"], num_vertices: int
+    ) -> Float[Tensor, "vertices 3"]:
+        """Forces on points as forces on vertices: ``f_k = Σ_p w_pk f_p``."""
+        parts = self.weights[chosen].to(force)[..., None] * force[:, None]
+        return force.new_zeros(num_vertices, 3).index_add(0, self.vertices[chosen].reshape(-1), parts.reshape(-1, 3))
+
+    def stencils(
+        self, chosen: Int[Tensor, " chosen"], blocks: Float[Tensor, "chosen 3 3"]
+    ) -> list[tuple[Int[Tensor, "_ _"], Float[Tensor, "_ _ 3 _ 3"]]]:
+        """Hessians of points as pieces ``w_pk w_pl B_p`` on vertices; edges and faces have all a piece, always.
+
+        So the places of the entries in a sparse matrix stay the same, whichever points are in contact.
+        """
+        pieces = []
+        ends = [kind.first for kind in self.kinds[1:]] + [len(self.vertices)]
+        for kind, end in zip(self.kinds, ends, strict=True):
+            rows = ((chosen >= kind.first) & (chosen < end)).nonzero()[:, 0]
+            size, point = kind.carriers.shape[1], chosen[rows]
+            if size == 1:
+                pieces.append((point[:, None], blocks[rows][:, None, :, None, :]))
+                continue
+            weights = self.weights[point, :size].to(blocks)
+            each = torch.einsum("pa,pb,pij->paibj", weights, weights, blocks[rows])
+            total = blocks.new_zeros(len(kind.carriers), size, 3, size, 3)
+            pieces.append((kind.carriers, total.index_add(0, (point - kind.first) % len(kind.carriers), each)))
+        return pieces
+
+
+IN_FACE = {0: [], 1: [(1 / 3,) * 3], 3: [(2 / 3, 1 / 6, 1 / 6), (1 / 6, 2 / 3, 1 / 6), (1 / 6, 1 / 6, 2 / 3)]}
+"""Barycentric coordinates of the points in a face, by their number."""
+
+
+def _padded(rows: Tensor, repeat: bool) -> Tensor:
+    """Three columns: the first one again where there are fewer, or zeros."""
+    missing = 3 - rows.shape[1]
+    return torch.cat([rows, *([rows[:, :1] if repeat else torch.zeros_like(rows[:, :1])] * missing)], 1)
