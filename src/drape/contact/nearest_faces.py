@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import pi
 from typing import NamedTuple
 
@@ -69,13 +69,21 @@ class NearestFaces:
             pairs = closest_faces(points, mesh_of_point, faces[kept], mesh_of_face[kept], body.double())
             near = _choose(pairs, points, corners[kept])
             face = kept[near.face]
-            chosen = faces[face]
-            start, end = (_frame(place.double()[chosen], near.barycentric) for place in (body, body_next))
+            start = _frame(body.double()[faces[face]], near.barycentric)
             arm = points[near.point] - start.point
             along, height = (start.tangents * arm[:, None]).sum(-1), (start.normal * arm).sum(-1)
-            parts = (near.barycentric, near.distance, along, height)
-            end = Frame(*(part.to(x.dtype) for part in end))
-            return cls(near.point, face, *(part.to(x.dtype) for part in parts), end)
+            parts = (part.to(x.dtype) for part in (near.barycentric, near.distance, along, height))
+            return cls(near.point, face, *parts, start).until(faces, body_next)
+
+    def until(self, faces: Int[Tensor, "faces 3"], body_next: Float[Tensor, "body_vertices 3"]) -> NearestFaces:
+        """The same for a step at whose end the body is at ``body_next`` [m]."""
+        end = _frame(body_next.double()[faces[self.faces]], self.barycentric.double())
+        return replace(self, end=Frame(*(part.to(self.distance.dtype) for part in end)))
+
+    def to(self, dtype: torch.dtype) -> NearestFaces:
+        """In another precision."""
+        changed = {name: getattr(self, name).to(dtype) for name in ("barycentric", "distance", "along", "height")}
+        return replace(self, **changed, end=Frame(*(part.to(dtype) for part in self.end)))
 
     def within(self, reach: float, first: int | None = None) -> NearestFaces:
         """Those at most ``reach`` [m] from the body or inside it; of the ``first`` so many rows only."""

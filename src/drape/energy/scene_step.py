@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.contact.nearest_faces import NearestFaces
 from drape.contact.surface_points import SurfacePoints
 from drape.energy.step import ObstacleStep, Step
 from drape.scene.mesh_batch import MeshBatch
@@ -54,7 +55,7 @@ class SceneSteps:
         self._attributes = attributes[None].to(self.device)
         force = scene.external_force
         self._force = None if force is None else self._put(torch.tensor(force))
-        self._faces = self._touching = None
+        self._faces = self._touching = self._searched = None
         if scene.obstacle is not None:
             self._faces = torch.tensor(scene.obstacle.welded_faces, device=self.device)
             self._touching = (touching or SurfacePoints.of)(self.mesh)
@@ -72,9 +73,8 @@ class SceneSteps:
         obstacle = None
         if scene.obstacle is not None:
             ends = [self._put(torch.from_numpy(_between(scene.obstacle, t) - origin)) for t in (start, stop)]
-            mesh_of_face = torch.zeros(len(self._faces), dtype=torch.long, device=self.device)
-            obstacle = ObstacleStep(self._faces, *ends, mesh_of_face)
-        return Step(
+            obstacle = ObstacleStep(self._faces, *ends, torch.zeros_like(self._faces[:, 0]))
+        step = Step(
             mesh=self.mesh,
             x=self._put(torch.from_numpy(state.x - origin)),
             v=self._put(torch.tensor(state.v)),
@@ -87,6 +87,21 @@ class SceneSteps:
             obstacle=obstacle,
             touching=self._touching,
         )
+        return step if obstacle is None else step.with_near(self._nearest(state.x, start).until(self._faces, ends[1]))
+
+    def with_near_at(self, step: Step, x: Float[np.ndarray, "vertices 3"], stop: float) -> Step:
+        """``step`` with the faces in contact that are nearest to cloth at ``x`` [m] when it ends, at time ``stop``."""
+        return step.with_near(self._nearest(x, stop).until(self._faces, step.obstacle.x_next))
+
+    def _nearest(self, x: Float[np.ndarray, "vertices 3"], time: float) -> NearestFaces:
+        """Of the body at a time in frames; a step begins where the one before has ended, so the last search is kept."""
+        if self._searched is None or self._searched[0] != time or not np.array_equal(self._searched[1], x):
+            body = torch.from_numpy(_between(self.scene.obstacle, time)).to(self.device)
+            points = self._touching.at(torch.tensor(x, device=self.device))
+            none = torch.zeros(max(len(points), len(self._faces)), dtype=torch.long, device=self.device)
+            near = NearestFaces.find(points, none[: len(points)], self._faces, none[: len(self._faces)], body, body)
+            self._searched = time, np.array(x), near.to(self.dtype)
+        return self._searched[2]
 
     def pinned(self, x: Float[Tensor, "vertices 3"], state: State, stop: float) -> Float[Tensor, "vertices 3"]:
         """Positions ``x`` of a step from ``state`` with the pinned vertices where they are at time ``stop``."""

@@ -96,12 +96,6 @@ class Step:
             self._kept[reach, first] = self.near.within(reach, first)
         return self._kept[reach, first]
 
-    def near_at_end(self, x_next: Float[Tensor, "vertices 3"]) -> NearestFaces:
-        """As ``near``, of cloth at ``x_next`` and bodies at t + dt: to go on with where points have left their faces."""
-        body, points = self.obstacle, self.surface
-        at = points.at(x_next)
-        return NearestFaces.find(at, points.mesh_of_point, body.faces, body.mesh_of_face, body.x_next, body.x_next)
-
     def with_near(self, near: NearestFaces) -> Step:
         """The same step with other nearest faces than those at t."""
         step = replace(self)
