@@ -1,4 +1,4 @@
-"""A sheet of cloth on a flat plate that is tilted, pushed aside or turned: what a block with Coulomb's friction does."""
+"""A sheet of cloth on a flat plate that is tilted, pushed aside or turned, as a block with Coulomb's friction."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class SheetOnPlate:
     def _centres(
         self, simulate: Simulate, coefficient: float, gravity: np.ndarray, plate: np.ndarray, at: float = 0.0
     ) -> Float[np.ndarray, "frames 3"]:
-        """The middle of the sheet in each frame [m], of a sheet that settles ``at`` x on the plate that stands still."""
+        """The middle of the sheet in each frame [m]; it has settled ``at`` x [m] on the plate as it is at first."""
         mesh = square_grid(self.size, self.resolution)
 
         def scene(x: np.ndarray, gravity: np.ndarray, plate: np.ndarray, frames: int) -> Scene:
@@ -114,7 +114,7 @@ class SheetOnPlate:
 
 
 def slides_from(sheet: SheetOnPlate, simulate: Simulate, coefficient: float, still: float, halvings: int) -> float:
-    """tan φ of the slope on which a sheet begins to accelerate by more than ``still`` [m/s²], between μ/2 and 3 μ/2."""
+    """``tan φ`` of the slope from which on a sheet accelerates by more than ``still`` [m/s²]; from μ/2 to 3 μ/2."""
     low, high = 0.5 * coefficient, 1.5 * coefficient
     for _ in range(halvings):
         middle = 0.5 * (low + high)
