@@ -108,9 +108,9 @@ def test_the_same_command_again_simulates_nothing(straight: tuple[GarmentFile, s
     run = generate(path, "workers=1")
     assert run.returncode == 0
     assert "already there with this configuration" in run.stdout
-    refused = generate(path, "data.contact.friction=1.0")
+    refused = generate(path, "data.contact.friction=0.5")
     assert refused.returncode != 0
-    assert "data.contact.friction: 2.0 there, 1.0 asked for" in refused.stderr
+    assert "data.contact.friction: 0.02 there, 0.5 asked for" in refused.stderr
     assert path.stat().st_mtime_ns == before
 
 

@@ -38,7 +38,7 @@ sphere, sphere_faces = np.asarray(ball.vertices), np.asarray(ball.faces, np.int6
 loop, none = np.arange(around), np.zeros(0, np.int64)
 cotton = read_preset("Cotton") | {"quality": 10}
 still_air = cotton | {"air_damping": 0.0}
-contact = dict(thickness=0.004, distance=0.004, self_distance=0.004, friction=2.0, damping=0.1, quality=3)
+contact = dict(thickness=0.004, distance=0.004, self_distance=0.004, friction=0.02, damping=0.1, quality=3)
 def run(pinned, path, start=tube, settings=cotton, gravity=9.81, fps=30.0, away=0.0, body=None):
     led, ball = path[:, None], (path if body is None else body)[:, None]
     dressed = DressedBody(tube, faces, pinned, tube[pinned] + led, sphere_faces, sphere + ball + [0, 0, away])

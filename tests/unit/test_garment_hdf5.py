@@ -311,7 +311,7 @@ def _chunked(file: h5py.File) -> None:
 
 FAULTS = {
     "format": (_label("", "format", "else"), "attribute format: found 'else'; expected 'drape garments'"),
-    "version": (_label("", "schema_version", 9), "schema_version: found 9; expected 1; .*generate.py data=garments"),
+    "version": (_label("", "schema_version", 9), "schema_version: found 9; expected 1 or 2; .*generate.py data="),
     "time step": (_label("", "dt", 0.1), r"dt and fps: found 0.1 s and 30.0 1/s; expected dt"),
     "gravity": (_label("", "gravity", 9.81), "attribute gravity: found 9.81; expected three numbers"),
     "attribute": (lambda f: f.attrs.__delitem__("source"), "attribute source: missing; expected what made the frames"),

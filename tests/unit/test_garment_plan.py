@@ -105,6 +105,7 @@ def test_one_fabric_and_one_kind_are_possible(data: dict) -> None:
         ("shape.height", [1.9, 1.5], r"data.shape.height: found \[1.9, 1.5\]; expected the lower number first"),
         ("shape.height", [1.0, 1.5], "data.shape.height: found 1.0; expected a number from 1.45 to 2.05"),
         ("contact.friction", "much", "data.contact.friction: found 'much'; expected a number"),
+        ("contact.friction", 2.0, "data.contact.friction: found 2.0; expected a number from 0 to 0.8"),
     ],
 )
 def test_a_mistake_is_refused_with_a_sentence(data: dict, key: str, value: object, sentence: str) -> None:

@@ -22,7 +22,7 @@ FRAMES, SETTLE = 4, 3
 DATA = {
     "seed": 3, "fps": 30, "gravity": 9.81, "counts": {"train": 2, "test": 1}, "bodies": {"train": 1, "test": 1},
     "kinds": ["tshirt"], "motions": {"train": ["walk"], "test": ["dance"]}, "settle": SETTLE, "frames": FRAMES,
-    "twin": 1e-6, "contact": {"friction": 2.0}, "solver": {"steps": 10, "repair": 20},
+    "twin": 1e-6, "contact": {"friction": 0.02}, "solver": {"steps": 10, "repair": 20},
     "reject": {"inside": 0.002, "self_intersection": 0.005, "stretch": 1.4, "speed": 15.0, "attempts": 3},
 }  # fmt: skip
 PLAN = {"data": DATA, "material": {"silk": {}}, "settings": {"silk": {"quality": 5, "mass": 0.15}}}
@@ -81,6 +81,7 @@ def test_a_good_sequence_is_taken_at_once(made) -> None:
     assert part.sequence.quality["refused"] == []
     assert len(part.sequence.positions) == len(part.sequence.transforms) == FRAMES
     assert (part.sequence.split, part.sequence.mass_per_vertex, part.sequence.twin) == ("train", 0.15, None)
+    assert part.sequence.friction == 0.02
 
 
 def test_a_refused_sequence_is_repaired_and_then_drawn_anew(made) -> None:

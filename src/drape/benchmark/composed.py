@@ -18,7 +18,8 @@ from drape.simulators.solver import simulator_of
 
 
 class Composed:
-    """The nodes ``energies`` (and ``fabrics``) of a config, each combination built once; solvers for scenes.
+    """The nodes ``energies`` (and ``fabrics``) of a config, each combination built once; solvers for scenes, with
+    the ``contact`` of the config if it has one.
 
     ``fabric`` is the node that the energies refer to; one of ``fabrics`` takes its place in turn.
     """
@@ -56,5 +57,6 @@ class Composed:
     def simulator(self, scene: Scene, energy: str, fabric: str | None = None, **settings: object) -> Simulator:
         """A solver for ``scene``, with single settings of the node ``simulator`` replaced."""
         law = self.law(energy, fabric)
-        potential = IncrementalPotential.for_scene(scene, law.terms)
+        contact = conf.instantiate(self.config.contact) if "contact" in self.config else None
+        potential = IncrementalPotential.for_scene(scene, law.terms, contact)
         return simulator_of(self.config.simulator, potential, scene, law.attributes, **settings)

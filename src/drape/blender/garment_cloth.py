@@ -13,6 +13,7 @@ from jaxtyping import Float
 from drape.blender.animated_scene import mesh_object, move_by_cache
 from drape.blender.cloth import CLOCK, cloth_modifier, cloth_object, read_positions
 from drape.blender.dressed_body import DressedBody
+from drape.data.blender_friction import blender_number
 
 FIRST = 1
 """Blender's cloth is right only if its frames are visited from this one on and none is left out."""
@@ -53,7 +54,7 @@ def _body_object(dressed: DressedBody, contact: Mapping, folder: Path) -> bpy.ty
     move_by_cache(folder, FIRST)(body, dressed.body_positions.__getitem__, dressed.num_frames)
     body.modifiers.new("collision", "COLLISION")
     body.collision.thickness_outer = contact["thickness"]
-    body.collision.cloth_friction = contact["friction"]
+    body.collision.cloth_friction = blender_number(contact["friction"])
     body.collision.damping = contact["damping"]
     return body
 

@@ -16,6 +16,7 @@ from drape.blender.sequence import part_path
 from drape.blender.workers import processes_of, run_workers
 from drape.data.difference import refuse_difference
 from drape.data.garment_hdf5 import GarmentFile
+from drape.data.garment_schema import VERSION
 from drape.data.garment_writer import GarmentHeader, garment_writer
 from drape.data.parts_folder import OTHERWISE, claimed, parts_of
 from drape.errors import DrapeError
@@ -42,7 +43,7 @@ def generate_garments(data: Mapping, material: Mapping, workers: int | str) -> t
         refuse_difference({key: made.get(key, {}) for key in request}, request, path, OTHERWISE)
         shutil.rmtree(parts, ignore_errors=True)
         return file, False
-    plan = make_plan(request)
+    plan = {**make_plan(request), "schema_version": VERSION}  # parts of another meaning are not taken
     try:
         with claimed(parts, plan):
             _simulate(parts, plan, processes)

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from drape.blender.plan import check_keys, check_material, check_number, check_pair
+from drape.data.blender_friction import HIGHEST_NUMBER, coefficient
 from drape.data.difference import flatten
 from drape.data.garment_schema import SPLITS
 from drape.errors import DrapeError
@@ -30,7 +31,7 @@ NUMBERS = {
     "contact.thickness": (float, 1e-3, 0.05),
     "contact.distance": (float, 1e-3, 0.05),
     "contact.self_distance": (float, 1e-3, 0.05),
-    "contact.friction": (float, 0, 80),
+    "contact.friction": (float, 0, coefficient(HIGHEST_NUMBER)),
     "contact.damping": (float, 0, 1),
     "contact.quality": (int, 1, 20),
     "solver.steps": (int, 1, 80),

@@ -20,8 +20,8 @@ from drape.data.garment_schema import (
     JSON_ATTRIBUTES,
     OPTIONAL,
     SPLITS,
-    VERSION,
 )
+from drape.data.garment_version import READABLE, mend
 from drape.data.schema import MATERIAL_ATTRIBUTES, Field, check_dataset, plain
 from drape.errors import DrapeError
 
@@ -65,6 +65,7 @@ class GarmentIndex:
                 index.add(file, path, kind, name)
         if not index.groups["sequences"]:
             raise DrapeError(f"{path}: sequences: found none; expected at least one; {AGAIN}")
+        mend(index.attributes, index.groups["sequences"], path)
         return index
 
     def add(self, file: h5py.File, path: Path, kind: str, name: str) -> None:
@@ -148,12 +149,12 @@ class GarmentIndex:
 
 
 def _attributes(file: h5py.File, path: Path) -> dict[str, object]:
-    for name, expected in (("format", FORMAT), ("schema_version", VERSION)):
+    for name, expected in (("format", (FORMAT,)), ("schema_version", READABLE)):
         found = plain(file.attrs.get(name, "nothing"))
-        if found != expected:
+        if found not in expected:
             raise DrapeError(
-                f"{path}: attribute {name}: found {found!r}; expected {expected!r}; this is no data set of garments of "
-                "this version, make one with: python src/generate.py data=garments"
+                f"{path}: attribute {name}: found {found!r}; expected {' or '.join(map(repr, expected))}; this is no "
+                "data set of garments of this version, make one with: python src/generate.py data=garments"
             )
     for name, meaning in ATTRIBUTES.items():
         if name not in file.attrs:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from drape.data.schema import Field
 
 FORMAT = "drape garments"
-VERSION = 1
+VERSION = 2
+"""Files of version 1 are read as well; see garment_version."""
 SPLITS = ("train", "test")
 
 ATTRIBUTES = {
@@ -37,7 +38,7 @@ GROUP_ATTRIBUTES = {
         "split": "'train' or 'test'",
         "attempts": "1: the first try was accepted",
         "mass_per_vertex": "[kg]; 0 without a garment",
-        "friction": "coefficient of friction between garment and body, as the maker of the frames has it [1]",
+        "friction": "coefficient of Coulomb's friction between garment and body [1]",
         "quality": "numbers of the quality control, JSON",
     },
 }

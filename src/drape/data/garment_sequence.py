@@ -47,7 +47,7 @@ class GarmentSequence:
     mass_per_vertex: float
     """[kg]"""
     friction: float
-    """Coefficient of friction between garment and body, as the maker of the frames has it."""
+    """Coefficient of Coulomb's friction between garment and body."""
     quality: dict
     """Numbers of the quality control."""
 

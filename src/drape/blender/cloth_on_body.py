@@ -1,0 +1,85 @@
+"""Blender's cloth on the moving body of a scene, in a process of its own. Does not import bpy."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from drape.blender.presets import blender_version
+from drape.blender.process import BlenderProcess
+from drape.errors import DrapeError
+from drape.scene.scene import Scene
+
+
+class ClothOnBody:
+    """Simulates scenes as Blender does, with ``settings`` of a fabric and the masses of the scene; to be closed.
+
+    ``contact`` is that of conf/data/garments.yaml, without the friction, which a scene has itself.
+
+    Raises:
+        DrapeError: Blender is missing.
+    """
+
+    def __init__(self, settings: Mapping[str, float | int | str], contact: Mapping[str, float | int]):
+        blender_version()
+        self._settings, self._contact = dict(settings), dict(contact)
+        self._folder = tempfile.TemporaryDirectory()
+        log = Path(self._folder.name) / "blender.log"
+        self._process = BlenderProcess("drape.blender.cloth_on_body_worker", [], log)
+
+    def __call__(self, scene: Scene) -> Float[np.ndarray, "frames vertices 3"]:
+        """Positions [m] of the cloth in frames 0 to ``scene.frames``.
+
+        Raises:
+            DrapeError: a scene that Blender would not do the same, or its process died.
+        """
+        check_comparable(scene)
+        arguments, positions = (Path(self._folder.name) / name for name in ("scene.npz", "positions.npy"))
+        body = np.stack([scene.obstacle.at(frame) for frame in range(scene.frames + 1)])
+        np.savez(
+            arguments,
+            rest_positions=scene.mesh.rest_positions,
+            faces=scene.mesh.faces,
+            body_faces=scene.obstacle.faces,
+            body_positions=body,
+            start=scene.initial.x,
+            settings=json.dumps(self._settings | {"mass": float(scene.mass[0])}),
+            contact=json.dumps(self._contact | {"friction": float(scene.friction or 0.0)}),
+            gravity=scene.gravity,
+            fps=1.0 / scene.dt,
+        )
+        self._process.send([str(arguments), str(positions)])
+        self._process.receive("Blender's cloth")
+        return np.load(positions).astype(np.float64)
+
+    def close(self) -> None:
+        """End the process and remove its files."""
+        self._process.stop()
+        self._process.join()
+        self._folder.cleanup()
+
+
+def check_comparable(scene: Scene) -> None:
+    """Refuse a scene that Blender's cloth on a body would not do the same.
+
+    Raises:
+        DrapeError: what is in it.
+    """
+    reasons = {
+        "no body": scene.obstacle is None,
+        "an external force": scene.external_force is not None,
+        "pins": scene.pins is not None,
+        "vertices of different masses": float(np.ptp(scene.mass)) > 1e-9 * float(scene.mass.max()),
+        "a start in motion": bool(np.any(scene.initial.v)),
+    }
+    found = [reason for reason, applies in reasons.items() if applies]
+    if found:
+        raise DrapeError(
+            f"scene {scene.name}: found {', '.join(found)}; expected a cloth of equal masses without pins that starts "
+            "at rest on a body, to compare it with Blender's; change the scene"
+        )
