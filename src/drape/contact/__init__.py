@@ -1,0 +1,1 @@
+"""Cloth that meets itself and a body without crossing: incremental potential contact."""
