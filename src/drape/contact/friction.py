@@ -46,12 +46,13 @@ class LaggedFriction:
         gradient = self.potential.gradient(self.pairs, self.mesh, v).reshape(-1, 3)
         return self.dt * float(self.potential(self.pairs, self.mesh, v)), gradient
 
-    def hessian(self, displacement: Points) -> sparse.csc_array:
+    def hessian(self, displacement: Points) -> sparse.csr_array:
         """Positive semi-definite [N/m], of all points."""
         if not len(self.pairs):
-            return sparse.csc_array((displacement.size, displacement.size))
+            return sparse.csr_array((displacement.size, displacement.size))
         v = np.asfortranarray(displacement / self.dt)
-        return self.potential.hessian(self.pairs, self.mesh, v, ipctk.PSDProjectionMethod.CLAMP) / self.dt
+        hessian = self.potential.hessian(self.pairs, self.mesh, v, ipctk.PSDProjectionMethod.CLAMP)
+        return sparse.csr_array(hessian) / self.dt
 
 
 class Friction:
@@ -70,5 +71,5 @@ class Friction:
         """Upper triangle [N/m] of 3V coordinates; positive semi-definite."""
         free = 3 * self._count
         ways = zip(self._parts, self._points(x_from, body_from), self._points(x_to, body_to), strict=True)
-        whole = sum(part.hessian(end - start).tocsr()[:free, :free] for part, start, end in ways)
-        return sparse.csr_array(sparse.triu(whole, format="csr"))
+        whole = sum(part.hessian(end - start)[:free, :free] for part, start, end in ways)
+        return sparse.triu(whole, format="csr")
