@@ -184,6 +184,27 @@ def test_no_path_ends_in_a_crossing(seed):
     assert met > 0
 
 
+@pytest.mark.parametrize("size", [1e-4, 3e-4, 1e-3, 3e-3])
+def test_short_ways_are_free_without_a_search(size):
+    """What is known of the distances at the start spares CCD, and changes no answer."""
+    rest, x, faces, _ = layers(0.5 * REACH, rough=0.02)
+    end = x + size * np.random.default_rng(2).uniform(-1, 1, x.shape)
+    knows, fresh = (Collisions(rest, faces, self_distance=REACH, self_stiffness=1.0) for _ in range(2))
+    assert knows.energy_and_gradient(x)[0] > 0
+    share = fresh.free_share(x, None, end, None)
+    assert knows.free_share(x, None, end, None) == share
+    assert (share < 1) == (size > 3e-4)
+    assert knows.cloth.searches == 1 + (size > 3e-4)
+
+
+def test_a_wide_region_is_left():
+    """A long path needs many pairs, which later evaluations should not look at."""
+    collisions, x, _ = two_layers()
+    collisions.free_share(x, None, x + [0, 0, 0.1], None)
+    collisions.energy_and_gradient(x)
+    assert collisions.cloth.searches == 2
+
+
 def test_a_moving_body_is_seen_by_a_cloth_at_rest():
     collisions, x, body = cloth_on_body()
     assert collisions.free_share(x, body, x, body - [0, 0, 0.1]) == 1.0
@@ -198,7 +219,7 @@ def test_pairs_are_searched_again_only_outside_the_region():
     collisions, x, upper = two_layers()
     away = x.copy()
     away[:upper, 2] += 0.02
-    for y, searches in ((away, 1), (away + 1e-4, 1), (x, 2), (x + 1e-4, 2), (away, 3)):
+    for y, searches in ((away, 1), (away + 1e-5, 1), (x, 2), (x + 1e-5, 2), (away, 3)):
         collisions.energy_and_gradient(y)
         assert collisions.cloth.searches == searches
     fresh, _, _ = two_layers()

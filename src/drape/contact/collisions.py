@@ -15,11 +15,6 @@ from drape.errors import DrapeError
 Cloth = Float[np.ndarray, "vertices 3"]
 Body = Float[np.ndarray, "body_vertices 3"] | None
 
-BODY_MARGIN = 0.2
-"""See ``Meeting``: of the mean edge of the cloth. With a body a search costs more than the pairs it adds."""
-SELF_MARGIN = 0.5
-"""Of the reach: layers of a fold lie so near each other that a wider margin adds many pairs."""
-
 
 class Collisions:
     """What meets what in a cloth, and between the cloth and a body; derivatives are those of the cloth.
@@ -64,18 +59,13 @@ class Collisions:
                 "and faces of a body or neither"
             )
         count = len(rest_positions)
-        margin = SELF_MARGIN * self_distance
-        self.cloth = Meeting(
-            rest_positions, faces, count, ipctk.CollisionFilter(), self_distance, self_stiffness, margin
-        )
+        self.cloth = Meeting(rest_positions, faces, count, ipctk.CollisionFilter(), self_distance, self_stiffness)
         self.body = None
         if body is not None:
             both = np.concatenate([faces, body_faces + count])
             apart = ipctk.make_vertex_patches_filter(np.repeat(np.int32([0, 1]), [count, len(body)]))
             rest = np.concatenate([rest_positions, body])
-            edges = np.subtract(*rest_positions[self.cloth.mesh.edges.T])
-            margin = BODY_MARGIN * float(np.linalg.norm(edges, axis=1).mean())
-            self.body = Meeting(rest, both, count, apart, body_distance or 0.0, body_stiffness, margin)
+            self.body = Meeting(rest, both, count, apart, body_distance or 0.0, body_stiffness)
 
     def energy_and_gradient(self, x: Cloth, body: Body = None) -> tuple[float, Cloth]:
         """Barrier of cloth and cloth, and of cloth and body [J], and its gradient [N]."""
