@@ -325,6 +325,20 @@ def test_a_small_tangle_is_undone():
     np.testing.assert_array_equal(new[held], x[held])
 
 
+def test_cloth_leaves_a_body_outwards():
+    rest, faces = grid(9)
+    body, body_faces = grid(12, 0.5)
+    body = turned(body, 0.3)
+    body[:, 2] -= 0.4 * (body[:, :2] ** 2).sum(1)  # a cap that looks up
+    x = rest - [0, 0, 0.006]
+    collisions = Collisions(rest, faces, self_distance=REACH, self_stiffness=1.0, body=body, body_faces=body_faces)
+    assert len(collisions.crossings(x, body).pairs) > 5
+    new, left = untangle(collisions, x, body)
+    assert len(left.pairs) == 0
+    assert (new[:, 2] > -0.4 * (new[:, :2] ** 2).sum(1) - 2e-3).all()
+    assert abs(new - x).max() < 0.02
+
+
 def test_what_cannot_be_undone_is_reported():
     collisions, x, _ = dented(0.012)
     new, left = untangle(collisions, x, held=np.ones(len(x), bool), moves=3)

@@ -31,9 +31,11 @@ def untangle(
         G = Σ R - 2 (e · R) / (e · n) n,
 
     which shortens the contour in which the surfaces meet; R are the directions of the contour, away from the edge, in
-    the one or two faces at the edge. Edges then get back the length they had. Vertices ``held``, and the body, stay.
-    Only local tangles are resolved: a contour that is closed on both sides, or a layer that passed entirely, may stay;
-    what is returned is the best of at most ``moves`` moves, and the caller must look at what remains.
+    the one or two faces at the edge. Out of a body, whose normals look outwards, cloth moves along them; the body
+    stays itself, as do vertices ``held``. Edges then get back the length they had.
+    Only local tangles are resolved: contours that are long and straight, or a body deeper inside than ``moves`` steps,
+    stay; what is returned is the best of at most ``moves`` moves, and the caller must look at what remains. Cloth that
+    is wholly inside a body, or a layer wholly on the wrong side, crosses nothing, and is neither moved nor reported.
     """
     held = np.zeros(len(x), bool) if held is None else held
     edges = collisions.cloth.mesh.edges
@@ -62,28 +64,40 @@ def _placed(found: list[tuple[Meeting, Hits]], x: Cloth, body: Body) -> list[tup
 
 def _moves(meeting: Meeting, found: Hits, points: np.ndarray, step: float) -> Float[np.ndarray, "points 3"]:
     """Mean of the moves that the crossings ask of each point."""
-    mesh = meeting.mesh
-    ends, corners = mesh.edges[found.edges], mesh.faces[found.faces]
-    direction = _unit(points[ends[:, 1]] - points[ends[:, 0]])
-    a, b, c = np.moveaxis(points[corners], 1, 0)
-    normal = _unit(np.cross(b - a, c - a))
-    gradient = np.zeros((len(ends), 3))
-    hit, face = _faces_at(meeting, found)
-    e, n = direction[hit], normal[hit]
-    inward = points[mesh.faces[face]].mean(axis=1) - points[ends[hit, 0]]
-    inward -= (inward * e).sum(1, keepdims=True) * e
-    contour = _unit(np.cross(np.cross(e, inward), n))
-    contour *= np.sign((contour * inward).sum(1, keepdims=True))
-    slope = (e * contour).sum(1) / _away_from_zero((e * n).sum(1))
-    np.add.at(gradient, hit, contour - 2.0 * slope[:, None] * n)
-    size = np.linalg.norm(gradient, axis=1, keepdims=True)
-    push = step * gradient / np.sqrt(size**2 + 0.01)
+    ends, corners = meeting.mesh.edges[found.edges], meeting.mesh.faces[found.faces]
+    direction = (_outward if meeting.free < len(points) else _contour_gradient)(meeting, found, points)
+    push = step * direction / np.sqrt((direction**2).sum(1, keepdims=True) + 0.01)
     shares = np.concatenate([1.0 - found.share[:, None], found.share[:, None], -found.corners], axis=1)
     ids = np.concatenate([ends, corners], axis=1)
     total, weight = np.zeros_like(points), np.full(len(points), 1e-12)
     np.add.at(total, ids, shares[:, :, None] * push[:, None])
     np.add.at(weight, ids, np.abs(shares))
     return total / weight[:, None]
+
+
+def _contour_gradient(meeting: Meeting, found: Hits, points: np.ndarray) -> Float[np.ndarray, "hits 3"]:
+    """G, the way of the edge against the face."""
+    ends, normals = meeting.mesh.edges[found.edges], meeting.mesh.face_normals(points)
+    hit, face = _faces_at(meeting, found)
+    e, n = _unit(points[ends[hit, 1]] - points[ends[hit, 0]]), normals[found.faces[hit]]
+    inward = points[meeting.mesh.faces[face]].mean(axis=1) - points[ends[hit, 0]]
+    contour = _unit(np.cross(normals[face], n))
+    inward -= (inward * e).sum(1, keepdims=True) * e
+    contour *= np.sign((contour * inward).sum(1, keepdims=True))
+    slope = (e * contour).sum(1) / _away_from_zero((e * n).sum(1))
+    gradient = np.zeros((len(ends), 3))
+    np.add.at(gradient, hit, contour - 2.0 * slope[:, None] * n)
+    return gradient
+
+
+def _outward(meeting: Meeting, found: Hits, points: np.ndarray) -> Float[np.ndarray, "hits 3"]:
+    """The way of the edge against the face that takes the cloth out of the body."""
+    normals = meeting.mesh.face_normals(points)
+    hit, face = _faces_at(meeting, found)
+    at_edge = np.zeros((len(found.edges), 3))
+    np.add.at(at_edge, hit, normals[face])
+    of_body = (meeting.mesh.faces[found.faces] >= meeting.free).all(axis=1, keepdims=True)
+    return np.where(of_body, normals[found.faces], -_unit(at_edge))
 
 
 def _faces_at(meeting: Meeting, found: Hits) -> tuple[np.ndarray, np.ndarray]:
