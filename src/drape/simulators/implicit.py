@@ -29,7 +29,10 @@ ROUNDS = 3
 
 
 class ImplicitSolver:
-    """One implicit Euler step a frame: ``x' = argmin E(x')``, ``v' = (x' - x)/dt``.
+    """Implicit Euler steps, one or more a frame: ``x' = argmin E(x')``, ``v' = (x' - x)/dt``.
+
+    Each frame follows from the state before it alone, to the last bit: nothing else is remembered, so an animation that
+    was interrupted goes on as if it had not been.
 
     The faces of contact are those nearest at t (the paper). Where vertices end inside the body all the same, because
     they slid off their face or the body is thin or fast, the nearest faces at the end are taken and the step is
@@ -46,8 +49,8 @@ class ImplicitSolver:
         attributes: the scaled vector **a** of the fabric.
         tolerance: mean norm of the unbalanced force over the free vertices at which a step is done [N]; None for a
             thousandth of the mean weight (or of mass times 9.81 m/s² without gravity).
-        iterations: the most evaluations of the potential in a step; the knob between speed and accuracy.
-        substeps: into how many equal parts a frame may be cut, doubling, while a part does not converge; 1: never.
+        iterations: the most evaluations of the potential in a time step; the knob between speed and accuracy.
+        steps: equal time steps in each frame; body and pins move on straight lines between frames.
         precision: of positions, energies and forces: float32 or float64.
         factors: precision of the sparse factors of Hessians; float32 takes half the time, where PARDISO is there.
         device: where energies are evaluated.
@@ -63,12 +66,12 @@ class ImplicitSolver:
         attributes: Float[Tensor, " attributes"],
         tolerance: float | None = None,
         iterations: int = 200,
-        substeps: int = 1,
+        steps: int = 1,
         precision: str = "float64",
         factors: str = "float64",
         device: str = "cpu",
     ):
-        for name, value in {"iterations": iterations, "substeps": substeps}.items():
+        for name, value in {"iterations": iterations, "steps": steps}.items():
             if value < 1:
                 raise DrapeError(f"simulator.{name}: found {value}; expected a whole number from 1 on")
         for name, value in {"precision": precision, "factors": factors}.items():
@@ -83,7 +86,7 @@ class ImplicitSolver:
         self.steps = SceneSteps(scene, attributes, PRECISIONS[precision], device)
         self.tolerance = tolerance
         self.iterations = iterations
-        self.substeps = substeps
+        self.steps_per_frame = steps
         self._minimiser = Minimiser(self.potential, self.steps.free, single=factors == "float32")
         self._carried = None
         if scene.obstacle is not None:
@@ -91,29 +94,23 @@ class ImplicitSolver:
         self._is_left_alone = scene.obstacle is None and (scene.pins is None or scene.pins.is_static)
 
     def step(self, state: State, frame: int) -> StepResult:
-        """The state at frame ``frame + 1`` from that at ``frame``."""
-        parts, used = 1, 0
-        while True:
-            result, used = self._frame(state, frame, parts, used)
-            if parts >= self.substeps or result.outcome is not Outcome.ITERATIONS:
-                return result
-            parts *= 2
-
-    def _frame(self, state: State, frame: int, parts: int, used: int) -> tuple[StepResult, int]:
-        worst, largest, terms = Outcome.CONVERGED, 0.0, {}
-        for part in range(parts):
-            start, stop = frame + part / parts, frame + (part + 1) / parts
+        """The state at frame ``frame + 1`` from that at ``frame``; how it ended is that of its worst time step."""
+        used, worst, count = 0, None, self.steps_per_frame
+        for part in range(count):
+            start, stop = frame + part / count, frame + (part + 1) / count
             state, outcome, spent, residual, terms = self._advance(state, start, stop)
-            used, largest = used + spent, max(largest, residual)
-            worst = outcome if outcome is not Outcome.CONVERGED else worst
-            if outcome is not Outcome.CONVERGED and parts < self.substeps:
+            used += spent
+            if worst is None or not residual <= worst[1]:  # NaN is the worst
+                worst = outcome, residual
+            if outcome is Outcome.NOT_FINITE:
                 break
-        return StepResult(state, worst, used, largest, terms, parts), used
+        return StepResult(state, worst[0], used, worst[1], terms, count)
 
     def _advance(self, state: State, start: float, stop: float) -> tuple[State, Outcome, int, float, dict]:
         step = self.steps.step(state, start, stop)
         starts = [step.x, step.inertial, *([] if self._carried is None else [advance(self._carried, step)])]
         starts = [self.steps.pinned(start, state, stop) for start in starts]
+        self._minimiser.begin()
         x, found, outcome, used, residual = self._minimiser.minimise(starts, step, self.tolerance, self.iterations)
         before = self._minimiser.standing.terms
         for _ in range(ROUNDS if step.obstacle is not None and outcome is not Outcome.NOT_FINITE else 0):

@@ -17,7 +17,7 @@ from drape.scene.scene import Scene
 from drape.scene.state import State
 from drape.simulators.simulator import Outcome, Simulator, StepResult
 
-COLUMNS = {"iterations": "1", "residual": "N", "substeps": "1", "outcome": "1", "seconds": "s", "inside": "1"}
+COLUMNS = {"iterations": "1", "residual": "N", "steps": "1", "outcome": "1", "seconds": "s", "inside": "1"}
 """Stored with each frame; ``outcome``: its place among the :class:`Outcome`, 0 is converged; ``inside``: share of the
 vertices inside the body."""
 CLEARANCE = 2e-3
@@ -75,7 +75,7 @@ def _numbers(result: StepResult, seconds: float, scene: Scene, frame: int) -> di
     numbers = {
         "iterations": float(result.iterations),
         "residual": result.residual,
-        "substeps": float(result.substeps),
+        "steps": float(result.steps),
         "outcome": float(list(Outcome).index(result.outcome)),
         "seconds": seconds,
     }

@@ -43,7 +43,8 @@ class StepResult:
     """Mean norm of the gradient over the free vertices [N]: what the forces miss to balance."""
     energies: dict[str, float] = field(default_factory=dict)
     """Energy of each term at the end of the (last) step [J]."""
-    substeps: int = 1
+    steps: int = 1
+    """Time steps that the frame was cut into."""
 
 
 @runtime_checkable
