@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -13,6 +15,7 @@ from drape.energy.scene_step import SceneSteps
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
 from drape.scene.state import State
+from drape.simulators.balance import BALANCED, mean_weight
 from drape.simulators.energy_limit import stored, without_gain
 from drape.simulators.minimise import Minimiser
 from drape.simulators.neural.advance import advance
@@ -78,8 +81,7 @@ class ImplicitSolver:
             if value not in PRECISIONS:
                 raise DrapeError(f"simulator.{name}: found {value!r}; expected {' or '.join(PRECISIONS)}")
         if tolerance is None:
-            gravity = float(np.linalg.norm(scene.gravity)) or 9.81
-            tolerance = 1e-3 * gravity * float(scene.mass.mean())
+            tolerance = BALANCED * mean_weight(scene)
         if not tolerance > 0:
             raise DrapeError(f"simulator.tolerance: found {tolerance}; expected newtons, more than 0")
         self.potential = potential.to(device=device, dtype=PRECISIONS[precision])
@@ -95,18 +97,22 @@ class ImplicitSolver:
 
     def step(self, state: State, frame: int) -> StepResult:
         """The state at frame ``frame + 1`` from that at ``frame``; how it ended is that of its worst time step."""
-        used, worst, count = 0, None, self.steps_per_frame
+        count, taken = self.steps_per_frame, []
         for part in range(count):
-            start, stop = frame + part / count, frame + (part + 1) / count
-            state, outcome, spent, residual, terms = self._advance(state, start, stop)
-            used += spent
-            if worst is None or not residual <= worst[1]:  # NaN is the worst
-                worst = outcome, residual
-            if outcome is Outcome.NOT_FINITE:
+            taken.append(self._advance(state, frame + part / count, frame + (part + 1) / count))
+            state = taken[-1].state
+            if taken[-1].outcome is Outcome.NOT_FINITE:
                 break
-        return StepResult(state, worst[0], used, worst[1], terms, count)
+        worst = max(taken, key=lambda each: np.nan_to_num(each.residual, nan=np.inf))
+        return replace(
+            taken[-1],
+            outcome=worst.outcome,
+            residual=worst.residual,
+            iterations=sum(each.iterations for each in taken),
+            steps=count,
+        )
 
-    def _advance(self, state: State, start: float, stop: float) -> tuple[State, Outcome, int, float, dict]:
+    def _advance(self, state: State, start: float, stop: float) -> StepResult:
         step = self.steps.step(state, start, stop)
         starts = [step.x, step.inertial, *([] if self._carried is None else [advance(self._carried, step)])]
         starts = [self.steps.pinned(start, state, stop) for start in starts]
@@ -122,7 +128,7 @@ class ImplicitSolver:
             x, found, outcome, more, residual = self._minimiser.minimise([x], step, self.tolerance, self.iterations)
             used += more
         if outcome is Outcome.NOT_FINITE:
-            return State.at_rest(state.x), outcome, used, residual, found.terms
+            return StepResult(State.at_rest(state.x), outcome, used, residual, found.terms)
         moved = (x - step.x).double().cpu().numpy()
         pinned = ~step.free.cpu().numpy()
         positions = state.x + moved
@@ -133,4 +139,4 @@ class ImplicitSolver:
             rounding = 4 * torch.finfo(x.dtype).eps * sum(abs(energy) for energy in before.values())
             released = stored(before) - stored(found.terms)
             after = without_gain(state, after, released, self.steps.scene.mass, ~pinned, rounding)
-        return after, outcome, used, residual, found.terms
+        return StepResult(after, outcome, used, residual, found.terms)

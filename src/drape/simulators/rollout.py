@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from tqdm import tqdm
@@ -24,15 +22,6 @@ CLEARANCE = 2e-3
 """Distance from the body to which the first frame is moved where it is inside [m]."""
 
 
-@dataclass(frozen=True)
-class Rollout:
-    """How the frames of this call went; those that were there before are not counted."""
-
-    outcomes: Counter[Outcome]
-    seconds: list[float]
-    """Per frame."""
-
-
 def first_frame(scene: Scene) -> State:
     """The initial state, with vertices that are inside the body moved out of it and stopped."""
     if scene.obstacle is None:
@@ -43,21 +32,18 @@ def first_frame(scene: Scene) -> State:
     return State(x, np.where(moved, 0.0, initial.v))
 
 
-def roll_out(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Rollout:
+def roll_out(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> None:
     """Simulate the frames that ``writer`` does not have yet, with a progress bar; each is stored as it is done."""
-    outcomes, seconds = Counter(), []
-    done = max(writer.num_frames - 1, 0)
+    seconds, done = [], max(writer.num_frames - 1, 0)
     with tqdm(total=scene.frames, initial=done, desc=f"animating {scene.name}", unit=" frames", file=sys.stderr) as bar:
-        for outcome, took in frames(simulator, scene, writer):
-            outcomes[outcome] += 1
+        for took in frames(simulator, scene, writer):
             seconds.append(took)
             bar.set_postfix_str(f"{1e3 * np.median(seconds):.0f} ms/frame")
             bar.update()
-    return Rollout(outcomes, seconds)
 
 
-def frames(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Iterator[tuple[Outcome, float]]:
-    """Simulate the frames that ``writer`` does not have yet; each is stored, then said how it ended and took [s]."""
+def frames(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Iterator[float]:
+    """Simulate the frames that ``writer`` does not have yet; each is stored, then said how long it took [s]."""
     if writer.num_frames == 0:
         writer.append(first_frame(scene))
     done = writer.num_frames - 1
@@ -68,7 +54,7 @@ def frames(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Itera
         seconds = time.perf_counter() - began
         state = result.state
         writer.append(state, _numbers(result, seconds, scene, frame + 1))
-        yield result.outcome, seconds
+        yield seconds
 
 
 def _numbers(result: StepResult, seconds: float, scene: Scene, frame: int) -> dict[str, float]:

@@ -14,12 +14,12 @@ class Outcome(Enum):
 
     CONVERGED = "converged"
     ITERATIONS = (
-        "stopped at the maximum of iterations above the tolerance; the frame is usable. Raise simulator.iterations for "
-        "accuracy, or simulator.substeps for fast motion"
+        "stopped at the maximum of iterations above the tolerance. Raise simulator.iterations for accuracy, or "
+        "simulator.steps for fast motion"
     )
     PRECISION = (
-        "no further progress in this floating-point precision; the frame is as good as it gets. Use "
-        "simulator.precision=float64, or a larger simulator.tolerance"
+        "made no further progress in this floating-point precision. Use simulator.precision=float64, or a larger "
+        "simulator.tolerance"
     )
     NOT_FINITE = (
         "the energy of the present frame is not finite, so there is no next one; the cloth stays where it is. Look "
