@@ -40,13 +40,13 @@ def main(config: DictConfig) -> None:
     settings = {name: OmegaConf.to_container(config[name], resolve=True) for name in SHAPES_FRAMES}
     path = folder / "animation.h5"
     with AnimationWriter(path, AnimationHeader.of_scene(scene, COLUMNS, OmegaConf.to_yaml(settings))) as writer:
-        rollout = roll_out(simulator, scene, writer)
+        roll_out(simulator, scene, writer)
     made = [path, *export(path, output.formats, folder)]
     if output.render == "preview":
         made.append(preview(path, folder / "preview.png"))
     elif output.render == "cycles":
         made.append(render(path, folder, output.samples, output.size, output.every))
-    print(animated(path, scene, rollout, made))
+    print(animated(path, scene, made))
 
 
 if __name__ == "__main__":

@@ -97,10 +97,10 @@ def test_another_mesh_is_compared_at_the_recorded_vertices(count):
 
 def test_the_share_of_a_summary_is_that_of_the_means_and_its_time_the_median():
     of = [Animated(0.1, 1.0, 0.01, 5, 0.0, 1.0), Animated(0.5, 2.0, 0.02, 7, 0.0, 1.0), Animated(0, 1, 1.0, 6, 0, 1)]
-    row = summary("silk", Variant("eunet", "float64", 100, 22), of)
+    row = summary("silk", Variant("eunet", "float64", 100, 2, 22), of)
     assert row["error_percent"] == pytest.approx(100 * 0.6 / 4.0)
     assert (row["ms_per_frame"], row["error_mm"]) == pytest.approx((20.0, 200.0))
-    assert (row["fabric"], row["energy"], row["iterations"]) == ("silk", "eunet", 100)
+    assert (row["fabric"], row["energy"], row["iterations"], row["steps"]) == ("silk", "eunet", 100, 2)
 
 
 def test_a_square_meshed_anew_keeps_shape_weight_and_pins():
@@ -128,12 +128,13 @@ def test_only_a_square_pinned_at_corners_is_meshed_anew():
 
 @pytest.mark.parametrize("values", [{"energy": ["eunet"]}, {key: ["eunet"] for key in (*Variant._fields, "masses")}])
 def test_sets_of_variants_are_complete(values):
-    with pytest.raises(DrapeError, match=r"variants.mine: found .*; expected energy, precision, iterations, reso"):
+    with pytest.raises(DrapeError, match=r"variants.mine: found .*; expected energy, precision, iterations, steps"):
         HeldOut("data/cloth.h5", 1, 1, {"mine": values}, "x")
 
 
 def test_variants_are_all_combinations():
-    values = {"energy": ["a", "b"], "precision": ["float64"], "iterations": [5, 10], "resolution": [22, 43]}
+    values = {"energy": ["a", "b"], "precision": ["float64"], "iterations": [5, 10]}
+    values |= {"steps": [1], "resolution": [22, 43]}
     assert len(combinations("all", values)) == 8
     assert len(HeldOut("x.h5", 1, 1, {"first": values, "again": values}, "x").variants) == 8
 
@@ -147,6 +148,7 @@ def test_the_trade_is_a_sweep_of_held_out_sequences():
     Composed(config).check(variant.energy for variant in measure.variants)
     assert {v.resolution for v in measure.variants} == {8, 15, 22, 43}
     assert {v.energy for v in measure.variants} == {"eunet_baked", "eunet", "mass_spring", "phys"}
+    assert {v.steps for v in measure.variants} == {1, 2, 4}
 
 
 def test_each_fabric_gets_its_own_law_and_solvers_share_nothing():
@@ -156,9 +158,9 @@ def test_each_fabric_gets_its_own_law_and_solvers_share_nothing():
     silk, denim = (found.law("eunet_baked", fabric) for fabric in ("silk", "denim"))
     assert float(silk.attributes[0]) != float(denim.attributes[0])
     scene = hanging_scene()
-    single = found.simulator(scene, "eunet_baked", "silk", precision="float32", iterations=30)
+    single = found.simulator(scene, "eunet_baked", "silk", precision="float32", iterations=30, steps=2)
     double = found.simulator(scene, "eunet_baked", "silk")
-    assert single.iterations == 30
+    assert (single.iterations, single.steps_per_frame) == (30, 2)
     for solver, dtype in ((single, torch.float32), (double, torch.float64)):
         kinds = {b.dtype for b in solver.potential.buffers() if b.is_floating_point()}
         assert kinds == {dtype}
@@ -250,7 +252,7 @@ def test_rows_are_kept_as_numbers_and_shown_without_what_is_the_same(tmp_path: P
 
 
 TRADE = [
-    {"fabric": fabric, "energy": energy, "precision": precision, "resolution": 22, "iterations": iterations,
+    {"fabric": fabric, "energy": energy, "precision": precision, "steps": 1, "resolution": 22, "iterations": iterations,
      "ms_per_frame": 2.0 * iterations, "error_mm": 100 / iterations, "travelled_mm": 500.0}
     for fabric in ("silk", "denim", "cotton")
     for energy in ("eunet", "phys") for precision in ("float64", "float32") for iterations in (3, 10, 50)

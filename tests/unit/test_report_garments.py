@@ -131,12 +131,24 @@ def test_solvers_are_named_by_their_energies_unless_the_user_has_named_them():
     solver = {"energy": {}}
     found = [record(name, 5.0, method=solver) for name in ("implicit_phys", "implicit_eunet", "mine")]
     assert {row.label for row in garment_rows(found)} == {"solver + PHYS", "solver + EUNet", "mine"}
-    found = [record(name, 5.0, method=solver) for name in ("implicit_phys", "implicit_phys_10", "mine_10")]
-    labels = {"solver + PHYS", "solver + PHYS, 10 evaluations", "mine_10"}
-    assert {row.label for row in garment_rows(found)} == labels
     found = [record(name, 5.0, method=solver) for name in ("implicit_eunet_baked", "implicit_eunet_baked_garment")]
     labels = [f"solver + baked EUNet [name implicit_eunet_baked{end}]" for end in ("", "_garment")]
     assert sorted(row.label for row in garment_rows(found)) == labels
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "label"),
+    [
+        ("implicit_phys", {"iterations": 200, "steps": 1}, "solver + PHYS"),
+        ("implicit_phys_10", {"iterations": 10, "steps": 1}, "solver + PHYS, 10 evaluations"),
+        ("implicit_phys", {"iterations": 40}, "solver + PHYS, 40 evaluations"),
+        ("implicit_phys_10_x4", {"iterations": 10, "steps": 4}, "solver + PHYS, 10 evaluations, 4 steps a frame"),
+        ("implicit_phys_x2", {"iterations": 200, "steps": 2}, "solver + PHYS, 2 steps a frame"),
+        ("mine_10", {"iterations": 10}, "mine_10"),
+    ],
+)
+def test_labels_say_what_a_solver_might_spend_from_its_settings(name, settings, label):
+    assert row_label(record(name, 5.0, method={"energy": {}, "simulator": settings})) == label
 
 
 def test_seeds_are_averaged_and_their_range_is_stated():

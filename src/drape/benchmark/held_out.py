@@ -30,7 +30,9 @@ class Variant(NamedTuple):
     energy: str
     precision: str
     iterations: int
-    """At most, per step."""
+    """At most, per time step."""
+    steps: int
+    """Time steps in each frame."""
     resolution: int
     """Vertices along a side of the square."""
 
@@ -107,7 +109,7 @@ class HeldOut:
 
     def _animate(self, composed: Composed, recorded: Scene, fabric: str, variant: Variant) -> Animated:
         scene = resampled(recorded, variant.resolution)
-        settings = {"precision": variant.precision, "iterations": variant.iterations}
+        settings = {name: getattr(variant, name) for name in ("precision", "iterations", "steps")}
         simulator = composed.simulator(scene, variant.energy, fabric, **settings)
         return animate(simulator, scene, recorded.reference)
 

@@ -20,8 +20,12 @@ SETTINGS = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "arcp", 
 
 
 def inlined(function: Callable) -> Callable:
-    """For parts of compiled functions of the same file, and of this one; Python itself cannot call them."""
-    return njit(**SETTINGS, no_cpython_wrapper=True)(unwrap(function))
+    """For parts of compiled functions of the same file, and of this one; Python itself cannot call them.
+
+    What was left as a call would be linked to other machine code in the process that compiles than in those that read
+    the compiled form: other last bits, and an animation that was interrupted in its first run would go on differently.
+    """
+    return njit(**SETTINGS, no_cpython_wrapper=True, forceinline=True)(unwrap(function))
 
 
 def compiled(function: Callable) -> Callable:

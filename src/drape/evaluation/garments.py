@@ -53,7 +53,7 @@ def _animate(method: Method, sequence: GarmentSequence, scene: Scene, path: Path
             return
         path.with_suffix(".csv").unlink(missing_ok=True)
         seconds = []
-        for _, took in frames(method.simulator(sequence, scene), scene, writer):
+        for took in frames(method.simulator(sequence, scene), scene, writer):
             seconds.append(took)
             shown = f"{scene.name}: frame {writer.num_frames - 1} of {scene.frames}, {1e3 * np.median(seconds):.0f} ms"
             bar.set_postfix_str(f"{shown}/frame", refresh=False)

@@ -21,7 +21,7 @@ from drape.scene.scene import Scene
 from drape.simulators.device import check_device
 from drape.simulators.neural.checkpoint import load_simulator
 from drape.simulators.simulator import Simulator
-from drape.simulators.solver import asks_for
+from drape.simulators.solver import asks_for, chosen_budget
 
 OF_ENERGIES = ("energy", "contact")
 """Groups that mean something only where energies are minimised."""
@@ -45,7 +45,6 @@ class Method:
     def __init__(self, config: DictConfig, file: GarmentFile, overrides: Sequence[str] = ()):
         self.config = config
         self.file = file
-        self._overrides = overrides
         self._make = conf.instantiate(config.simulator)
         self.areal_density = None if config.areal_density is None else float(config.areal_density)
         self._fabrics: dict[str, Fabric] = {}
@@ -59,12 +58,16 @@ class Method:
             check_device(config.simulator.device)
 
     def named(self, simulator: str, energy: str) -> str:
-        """Simulator, energy and a chosen number of iterations as one name, or what a network was trained as."""
+        """Simulator, energy and budget (``_40``, ``_x2``: two steps a frame) as one name, or what a network is.
+
+        Only what is not usual is said of the budget.
+        """
         if (told := self.training) is not None:
             name = told["row"] if told["ablation"] == "none" else f"{told['row']}_{told['ablation']}"
             return f"{name}_{told['scale']}_seed_{told['seed']}"
-        chosen = [f"_{o.partition('=')[2]}" for o in self._overrides if o.startswith("simulator.iterations=")]
-        return f"{simulator}_{energy}{''.join(chosen[-1:])}" if self.minimises else simulator
+        signs = {"iterations": "_", "steps": "_x"}
+        budget = "".join(f"{signs[key]}{value}" for key, value in chosen_budget(self.config.simulator).items())
+        return f"{simulator}_{energy}{budget}" if self.minimises else simulator
 
     @cached_property
     def training(self) -> dict[str, Any] | None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from drape.data.animation_hdf5 import AnimationFile
 from drape.energy.incremental_potential import IncrementalPotential
@@ -14,7 +16,7 @@ from drape.energy.step import Step
 from drape.metrics.position import distance_travelled, vertex_distance
 from drape.report.table import Table
 from drape.scene.scene import Scene
-from drape.simulators.rollout import Rollout
+from drape.simulators.balance import HANGING, mean_weight
 from drape.simulators.simulator import Outcome
 from drape.simulators.term_costs import search_seconds, term_costs
 
@@ -32,26 +34,74 @@ def explained(potential: IncrementalPotential, step: Step) -> Table:
     return Table("Energies of this scene", ("energy", "because", "energy and forces, ms", "Hessian, ms"), rows, nearest)
 
 
-def animated(path: Path, scene: Scene, rollout: Rollout, made: Sequence[Path]) -> str:
-    """How the frames went, what to do about those that did not converge, and where everything is."""
+def animated(path: Path, scene: Scene, made: Sequence[Path]) -> str:
+    """How all frames of the file went, what to do about those that did not converge, and where everything is."""
     with AnimationFile(path) as file:
-        numbers = file.numbers()
+        numbers = {name: values[1:] for name, values in file.numbers().items()}
         count, vertices = file.num_frames - 1, scene.mesh.num_vertices
         lines = [f"{scene.name}: {count} frames of {vertices} vertices, {scene.material.name}"]
+        lines += _moved_out(file.x(0), scene.initial.x)
         if scene.reference is not None:
             lines.append(_beside(file, scene.reference))
-    seconds = numbers["seconds"][1:]
+    missed = numbers["residual"] / mean_weight(scene)
     lines.append(
-        f"{1e3 * np.median(seconds):.0f} ms/frame (median), {np.nanmedian(numbers['iterations'][1:]):.0f} evaluations, "
-        f"mean unbalanced force {np.nanmean(numbers['residual'][1:]):.2g} N a vertex"
+        f"{1e3 * np.median(numbers['seconds']):.0f} ms/frame (median), {np.median(numbers['iterations']):.0f} "
+        f"evaluations, mean unbalanced force {_mean(missed):.2g} times the weight of a vertex"
     )
     if scene.obstacle is not None:
-        inside = 100 * numbers["inside"][1:]
+        inside = 100 * numbers["inside"]
         lines.append(f"inside the body: mean {np.mean(inside):.3f} %, at most {np.max(inside):.2f} % of the vertices")
-    for outcome, count in rollout.outcomes.items():
-        if outcome is not Outcome.CONVERGED:
-            lines.append(f"{count} of {len(rollout.seconds)} frames {outcome.value}")
+    lines += _not_converged([list(Outcome)[int(place)] for place in numbers["outcome"]], missed)
     return "\n".join([*lines, *(os.path.relpath(file) for file in made)])
+
+
+def _moved_out(first: Float[np.ndarray, "vertices 3"], initial: Float[np.ndarray, "vertices 3"]) -> list[str]:
+    """What :func:`drape.simulators.rollout.first_frame` did to the initial state."""
+    moved = 1e3 * np.linalg.norm(first - initial, axis=1)
+    moved = moved[moved > 0]
+    if not len(moved):
+        return []
+    one = f"{len(moved)} vertices were" if len(moved) > 1 else "1 vertex was"
+    return [
+        f"{one} inside the body at the start, and moved out of it: by {moved.mean():.1f} mm on average, at most "
+        f"{moved.max():.1f} mm"
+    ]
+
+
+def _not_converged(outcomes: Sequence[Outcome], missed: Float[np.ndarray, " frames"]) -> list[str]:
+    """Which frames did not converge and what to do; which of them hang in the air, or that all are usable.
+
+    ``missed``: mean unbalanced force of each frame, in weights of a vertex; NaN is neither.
+    """
+    lines, ended = [], np.array([outcome.name for outcome in outcomes])
+    for outcome in Outcome:
+        if outcome is not Outcome.CONVERGED and (ended == outcome.name).any():
+            where = np.flatnonzero(ended == outcome.name)
+            lines.append(f"{len(where)} of {len(ended)} frames ({spans(where + 1)}) {outcome.value}")
+    hanging, converged = missed > HANGING, ended == Outcome.CONVERGED.name
+    short = np.isin(ended, [Outcome.ITERATIONS.name, Outcome.PRECISION.name])
+    if hanging.any():
+        remedy = "simulator.tolerance is too large" if converged[hanging].all() else "raise simulator.iterations"
+        where = np.flatnonzero(hanging)
+        lines.append(
+            f"{len(where)} of {len(ended)} frames ({spans(where + 1)}) leave cloth unbalanced by up to "
+            f"{missed[where].max():.2g} times its weight: it hangs in the air, or moves as nothing moves it; {remedy}"
+        )
+    elif short.any() and np.isfinite(missed[short]).all():
+        lines.append(f"these frames are usable: forces balance to within {missed[short].max():.2g} weights of a vertex")
+    return lines
+
+
+def spans(frames: Int[np.ndarray, " frames"]) -> str:
+    """Sorted numbers in words: ``12-18, 40``."""
+    parts = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+    return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in parts)
+
+
+def _mean(values: Float[np.ndarray, " frames"]) -> float:
+    """Of those that are finite; NaN where none is."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else math.nan
 
 
 def _beside(file: AnimationFile, reference: np.ndarray) -> str:

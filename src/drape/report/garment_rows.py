@@ -17,6 +17,7 @@ from drape.errors import DrapeError
 from drape.metrics.evaluation_record import EvaluationRecord
 from drape.metrics.fabric_metric import OVERALL
 from drape.report.runs import Spread, seed_of
+from drape.simulators.solver import chosen_budget
 
 FLOOR = "noise floor (twin)"
 TWIN = "drape.simulators.twin.Twin"
@@ -24,8 +25,10 @@ PAPER = " (paper)"
 """After the label of a row whose numbers are the paper's."""
 OF_SEED = re.compile(r"[\s_/-]*(seed|s)[_=-]?\d+$")
 """The end of a name that says the seed."""
-OF_ITERATIONS = re.compile(r"(.*)_(\d+)")
-"""The name of an evaluation of a solver with a number of iterations that was chosen."""
+OF_BUDGET = re.compile(r"(_\d+)?(_x\d+)?$")
+"""The end of a name that says what a solver may spend."""
+SPENT = {"iterations": "{} evaluations", "steps": "{} steps a frame"}
+"""What labels say of that."""
 TOLD_APART_BY = ("scale", "iterations", "name")
 """What is added to labels that would be the same, in this order."""
 
@@ -120,18 +123,17 @@ def row_label(record: EvaluationRecord) -> str:
     training = training_of(record)
     if not training:
         name = str(record.method["name"])
-        return _solver(name) or (OF_SEED.sub("", name) if seed_of(record) is not None else name)
+        return _solver(record) or (OF_SEED.sub("", name) if seed_of(record) is not None else name)
     row, ablation = training["row"], str(training.get("ablation", "none"))
     known = published()["labels"].get(row, {"none": row})
     return known.get(ablation, f"{known['none']} ({ablation})")
 
 
-def _solver(name: str) -> str | None:
-    """The label of a solver from the name of an evaluation that was not given one."""
-    found, known = OF_ITERATIONS.fullmatch(name), published()["solvers"]
-    if found is None or found[1] not in known:
-        return known.get(name)
-    return f"{known[found[1]]}, {found[2]} evaluations"
+def _solver(record: EvaluationRecord) -> str | None:
+    """The label of a solver, with what it might spend, where the evaluation was not given a name."""
+    label = published()["solvers"].get(OF_BUDGET.sub("", str(record.method["name"])))
+    budget = chosen_budget(record.method["simulator"])
+    return label and ", ".join([label, *(SPENT[name].format(value) for name, value in budget.items())])
 
 
 def by_data(records: Sequence[EvaluationRecord]) -> list[list[EvaluationRecord]]:

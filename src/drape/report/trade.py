@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-CURVE = ("energy", "precision", "resolution")
+CURVE = ("energy", "precision", "steps", "resolution")
 """Columns that make a curve; its points are the budgets of iterations."""
-STYLES = {"float64": "-", "float32": "--"}
+STYLES = {("float64", 1): "-", ("float32", 1): "--", ("float64", 2): "-.", ("float64", 4): (0, (1, 1))}
+"""By precision and time steps in a frame."""
 SAME = 0.02
 """Relative difference of error up to which a budget is not written beside its point: a larger one is not used up."""
 MARKERS = "osv^D"
@@ -22,9 +23,9 @@ MARKERS = "osv^D"
 def draw_trade(rows: Sequence[Mapping[str, str | float]], path: Path | str) -> Path:
     """One PNG, a panel for each fabric: error [mm] against time per frame [ms], both logarithmic.
 
-    ``rows`` are those of :class:`drape.benchmark.held_out.HeldOut`. Each curve is an energy in a precision on a mesh,
-    its points are budgets of iterations, written beside them where they change the error. Dotted: 5 % of the
-    distance that the cloth travelled.
+    ``rows`` are those of :class:`drape.benchmark.held_out.HeldOut`. Each curve is an energy in a precision on a mesh
+    with a number of time steps in a frame, its points are budgets of iterations, written beside them where they change
+    the error. Dotted: 5 % of the distance that the cloth travelled.
     """
     fabrics = list(dict.fromkeys(str(row["fabric"]) for row in rows))
     columns = 2 if len(fabrics) > 1 else 1
@@ -48,17 +49,18 @@ def draw_trade(rows: Sequence[Mapping[str, str | float]], path: Path | str) -> P
 
 def _draw_panel(axis: Axes, rows: Sequence[Mapping], colours: Mapping, markers: Mapping) -> None:
     for curve in dict.fromkeys(tuple(row[name] for name in CURVE) for row in rows):
-        energy, precision, resolution = curve
+        energy, precision, steps, resolution = curve
+        cut = f", {steps} steps a frame" if steps > 1 else ""
         points = sorted((row for row in rows if tuple(row[n] for n in CURVE) == curve), key=lambda r: r["iterations"])
         axis.plot(
             [row["ms_per_frame"] for row in points],
             [row["error_mm"] for row in points],
             color=colours[energy, resolution],
-            linestyle=STYLES.get(precision, ":"),
+            linestyle=STYLES.get((precision, steps), ":"),
             marker=markers[resolution],
             markersize=4,
             linewidth=1,
-            label=f"{energy}, {precision}, {resolution} x {resolution} vertices",
+            label=f"{energy}, {precision}{cut}, {resolution} x {resolution} vertices",
         )
         written = math.inf
         for row in points:

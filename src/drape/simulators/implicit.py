@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -9,9 +11,11 @@ from torch import Tensor
 
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.scene_step import SceneSteps
+from drape.energy.step import Step
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
 from drape.scene.state import State
+from drape.simulators.balance import BALANCED, mean_weight
 from drape.simulators.energy_limit import stored, without_gain
 from drape.simulators.minimise import Minimiser
 from drape.simulators.neural.advance import advance
@@ -28,7 +32,10 @@ ROUNDS = 3
 
 
 class ImplicitSolver:
-    """One implicit Euler step a frame: ``x' = argmin E(x')``, ``v' = (x' - x)/dt``.
+    """Implicit Euler steps, one or more a frame: ``x' = argmin E(x')``, ``v' = (x' - x)/dt``.
+
+    Each frame follows from the state before it alone, to the last bit: nothing else is remembered, so an animation that
+    was interrupted goes on as if it had not been.
 
     The faces of contact are those nearest at t (the paper). Where vertices end inside the body all the same, because
     they slid off their face or the body is thin or fast, the nearest faces at the end are taken and the step is
@@ -45,8 +52,8 @@ class ImplicitSolver:
         attributes: the scaled vector **a** of the fabric.
         tolerance: mean norm of the unbalanced force over the free vertices at which a step is done [N]; None for a
             thousandth of the mean weight (or of mass times 9.81 m/s² without gravity).
-        iterations: the most evaluations of the potential in a step; the knob between speed and accuracy.
-        substeps: into how many equal parts a frame may be cut, doubling, while a part does not converge; 1: never.
+        iterations: the most evaluations of the potential in a time step; the knob between speed and accuracy.
+        steps: equal time steps in each frame; body and pins move on straight lines between frames.
         precision: of positions, energies and forces: float32 or float64.
         factors: precision of the sparse factors of Hessians; float32 takes half the time, where PARDISO is there.
         device: where energies are evaluated.
@@ -62,20 +69,19 @@ class ImplicitSolver:
         attributes: Float[Tensor, " attributes"],
         tolerance: float | None = None,
         iterations: int = 200,
-        substeps: int = 1,
+        steps: int = 1,
         precision: str = "float64",
         factors: str = "float64",
         device: str = "cpu",
     ):
-        for name, value in {"iterations": iterations, "substeps": substeps}.items():
+        for name, value in {"iterations": iterations, "steps": steps}.items():
             if value < 1:
                 raise DrapeError(f"simulator.{name}: found {value}; expected a whole number from 1 on")
         for name, value in {"precision": precision, "factors": factors}.items():
             if value not in PRECISIONS:
                 raise DrapeError(f"simulator.{name}: found {value!r}; expected {' or '.join(PRECISIONS)}")
         if tolerance is None:
-            gravity = float(np.linalg.norm(scene.gravity)) or 9.81
-            tolerance = 1e-3 * gravity * float(scene.mass.mean())
+            tolerance = BALANCED * mean_weight(scene)
         if not tolerance > 0:
             raise DrapeError(f"simulator.tolerance: found {tolerance}; expected newtons, more than 0")
         self.potential = potential.to(device=device, dtype=PRECISIONS[precision])
@@ -84,7 +90,7 @@ class ImplicitSolver:
         self.steps = SceneSteps(scene, attributes, PRECISIONS[precision], device, surface)
         self.tolerance = tolerance
         self.iterations = iterations
-        self.substeps = substeps
+        self.steps_per_frame = steps
         self._minimiser = Minimiser(self.potential, self.steps.free, single=factors == "float32")
         self._carried = None
         if contact is not None:
@@ -92,48 +98,50 @@ class ImplicitSolver:
         self._is_left_alone = scene.obstacle is None and (scene.pins is None or scene.pins.is_static)
 
     def step(self, state: State, frame: int) -> StepResult:
-        """The state at frame ``frame + 1`` from that at ``frame``."""
-        parts, used = 1, 0
-        while True:
-            result, used = self._frame(state, frame, parts, used)
-            if parts >= self.substeps or result.outcome is not Outcome.ITERATIONS:
-                return result
-            parts *= 2
-
-    def _frame(self, state: State, frame: int, parts: int, used: int) -> tuple[StepResult, int]:
-        worst, largest, terms = Outcome.CONVERGED, 0.0, {}
-        for part in range(parts):
-            start, stop = frame + part / parts, frame + (part + 1) / parts
-            state, outcome, spent, residual, terms = self._advance(state, start, stop)
-            used, largest = used + spent, max(largest, residual)
-            worst = outcome if outcome is not Outcome.CONVERGED else worst
-            if outcome is not Outcome.CONVERGED and parts < self.substeps:
+        """The state at frame ``frame + 1`` from that at ``frame``; how it ended is that of its worst time step."""
+        count, taken = self.steps_per_frame, []
+        for part in range(count):
+            taken.append(self._advance(state, frame + part / count, frame + (part + 1) / count))
+            state = taken[-1].state
+            if taken[-1].outcome is Outcome.NOT_FINITE:
                 break
-        return StepResult(state, worst, used, largest, terms, parts), used
+        worst = max(taken, key=lambda each: np.nan_to_num(each.residual, nan=np.inf))
+        return replace(
+            taken[-1],
+            outcome=worst.outcome,
+            residual=worst.residual,
+            iterations=sum(each.iterations for each in taken),
+            steps=count,
+        )
 
-    def _advance(self, state: State, start: float, stop: float) -> tuple[State, Outcome, int, float, dict]:
+    def _advance(self, state: State, start: float, stop: float) -> StepResult:
         step = self.steps.step(state, start, stop)
         starts = [step.x, step.inertial, *([] if self._carried is None else [advance(self._carried, step)])]
         starts = [self.steps.pinned(start, state, stop) for start in starts]
+        self._minimiser.begin()
         x, found, outcome, used, residual = self._minimiser.minimise(starts, step, self.tolerance, self.iterations)
         before = self._minimiser.standing.terms
+        positions = self._positions(x, step, state, stop)
         for _ in range(ROUNDS if step.obstacle is not None and outcome is not Outcome.NOT_FINITE else 0):
-            near = step.near_at_end(x)
-            if not bool((near.distance < 0).any()):
+            ending = self.steps.with_near_at(step, positions, stop)
+            if not bool((ending.near.distance < 0).any()):
                 break
-            step = step.with_near(near)
+            step = ending
             x, found, outcome, more, residual = self._minimiser.minimise([x], step, self.tolerance, self.iterations)
-            used += more
+            positions, used = self._positions(x, step, state, stop), used + more
         if outcome is Outcome.NOT_FINITE:
-            return State.at_rest(state.x), outcome, used, residual, found.terms
-        moved = (x - step.x).double().cpu().numpy()
-        pinned = ~step.free.cpu().numpy()
-        positions = state.x + moved
-        if pinned.any():
-            positions[pinned] = self.steps.pin_targets(stop)
+            return StepResult(State.at_rest(state.x), outcome, used, residual, found.terms)
         after = State(positions, (positions - state.x) / step.dt)
         if self._is_left_alone:
             rounding = 4 * torch.finfo(x.dtype).eps * sum(abs(energy) for energy in before.values())
             released = stored(before) - stored(found.terms)
-            after = without_gain(state, after, released, self.steps.scene.mass, ~pinned, rounding)
-        return after, outcome, used, residual, found.terms
+            free = step.free.cpu().numpy()
+            after = without_gain(state, after, released, self.steps.scene.mass, free, rounding)
+        return StepResult(after, outcome, used, residual, found.terms)
+
+    def _positions(self, x: Tensor, step: Step, state: State, stop: float) -> Float[np.ndarray, "vertices 3"]:
+        """``x`` of a step in the world, in float64, pinned vertices exactly where they are led [m]."""
+        positions = state.x + (x - step.x).double().cpu().numpy()
+        if self.steps.scene.pins is not None:
+            positions[self.steps.scene.pins.vertices] = self.steps.pin_targets(stop)
+        return positions

@@ -21,7 +21,7 @@ REFRESH = 4
 SLOW = 0.1
 """Share of the residual that they leave where the factors are good enough."""
 PATIENCE = 60
-"""Evaluations in a step after which the rough Hessian is given up for the good one, from then on."""
+"""Evaluations of a call after which the rough Hessian is given up for the good one until :meth:`Minimiser.begin`."""
 STALLED = 12
 """Evaluations without a gain beyond rounding, and without half the residual, after which nothing more is expected."""
 SHRINK = (0.1, 0.5)
@@ -35,10 +35,13 @@ class Minimiser:
 
     Each direction is that of Newton's method with the last factorised positive definite Hessian, corrected by the
     L-BFGS two-loop recursion (Liu, Bouaziz and Kavan 2017, with the whole Hessian in the place of a fixed Laplacian).
-    The factorisation is kept over iterations and frames, and renewed where iterations bring too little, as when
-    contacts come and go, and after a step that has used up its iterations. The Hessian is the rough one, sparser and
-    cheaper to factorise, until a step takes more than ``PATIENCE`` evaluations. The energy never rises, up to its own
-    rounding.
+    The factorisation is that of the first point which is not a minimum after :meth:`begin`, is kept over iterations
+    and calls, and renewed where iterations bring too little, as when contacts come and go, and after a call that has
+    used up its iterations. The Hessian is the rough one, sparser and cheaper to factorise, until a call takes more than
+    ``PATIENCE`` evaluations. The energy never rises, up to its own rounding.
+
+    After :meth:`begin` nothing of earlier calls is left but the order of the unknowns, which follows from the places of
+    the entries alone: what is found then depends on the arguments only, to the last bit.
 
     Args:
         potential: what is minimised.
@@ -51,12 +54,15 @@ class Minimiser:
         self.free = free
         self._slots = np.flatnonzero(np.repeat(free.cpu().numpy(), 3))
         self._factors = Factorisation(single=single)
-        self._dt = 0.0
-        self._rough = True
-        self._is_stale = False
         self.factorisations = 0
         self.standing: Evaluation | None = None
         """The first of the starts of the last call, evaluated."""
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget the steps before: the next call factorises the Hessian at its own start."""
+        self._rough = True
+        self._is_stale = True
 
     def minimise(
         self, starts: list[Float[Tensor, "vertices 3"]], step: Step, tolerance: float, iterations: int
@@ -66,7 +72,7 @@ class Minimiser:
         Stops when the mean norm of the gradient over the free vertices is below ``tolerance`` [N].
         """
         found = self._descend(starts, step, tolerance, iterations)
-        self._is_stale = found[2] is Outcome.ITERATIONS
+        self._is_stale |= found[2] is Outcome.ITERATIONS
         return found
 
     def _descend(
@@ -77,9 +83,7 @@ class Minimiser:
         if best is None:
             return starts[0], self.potential.evaluate(starts[0], step), Outcome.NOT_FINITE, used, float("nan")
         pairs: deque[tuple[Tensor, Tensor]] = deque(maxlen=MEMORY)
-        fresh, since, before = self._is_stale or step.dt != self._dt, 0, float("inf")
-        if fresh:
-            self._factorise(x, step)
+        fresh, since, before = False, *((REFRESH, 0.0) if self._is_stale else (0, float("inf")))
         gained_at, gained_from = used, float("inf")
         while True:
             residual = self.residual(best.gradient)
@@ -129,7 +133,7 @@ class Minimiser:
     def _factorise(self, x: Tensor, step: Step) -> None:
         matrix = self.potential.hessian(x, step, rough=self._rough)[self._slots][:, self._slots]
         self._factors.factorise(matrix)
-        self._dt = step.dt
+        self._is_stale = False
         self.factorisations += 1
 
     def _solve(self, gradient: Tensor) -> Tensor:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from tqdm import tqdm
@@ -17,20 +15,11 @@ from drape.scene.scene import Scene
 from drape.scene.state import State
 from drape.simulators.simulator import Outcome, Simulator, StepResult
 
-COLUMNS = {"iterations": "1", "residual": "N", "substeps": "1", "outcome": "1", "seconds": "s", "inside": "1"}
-"""Stored with each frame; ``outcome``: its place among the :class:`Outcome`, 0 is converged; ``inside``: share of
-the surface inside the body."""
+COLUMNS = {"iterations": "1", "residual": "N", "steps": "1", "outcome": "1", "seconds": "s", "inside": "1"}
+"""Stored with each frame; ``outcome``: its place among the :class:`Outcome`, 0 is converged; ``inside``: share of the
+surface inside the body."""
 CLEARANCE = 2e-3
 """Distance from the body to which the first frame is moved where it is inside [m]."""
-
-
-@dataclass(frozen=True)
-class Rollout:
-    """How the frames of this call went; those that were there before are not counted."""
-
-    outcomes: Counter[Outcome]
-    seconds: list[float]
-    """Per frame."""
 
 
 def first_frame(scene: Scene) -> State:
@@ -43,21 +32,18 @@ def first_frame(scene: Scene) -> State:
     return State(x, np.where(moved, 0.0, initial.v))
 
 
-def roll_out(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Rollout:
+def roll_out(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> None:
     """Simulate the frames that ``writer`` does not have yet, with a progress bar; each is stored as it is done."""
-    outcomes, seconds = Counter(), []
-    done = max(writer.num_frames - 1, 0)
+    seconds, done = [], max(writer.num_frames - 1, 0)
     with tqdm(total=scene.frames, initial=done, desc=f"animating {scene.name}", unit=" frames", file=sys.stderr) as bar:
-        for outcome, took in frames(simulator, scene, writer):
-            outcomes[outcome] += 1
+        for took in frames(simulator, scene, writer):
             seconds.append(took)
             bar.set_postfix_str(f"{1e3 * np.median(seconds):.0f} ms/frame")
             bar.update()
-    return Rollout(outcomes, seconds)
 
 
-def frames(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Iterator[tuple[Outcome, float]]:
-    """Simulate the frames that ``writer`` does not have yet; each is stored, then said how it ended and took [s]."""
+def frames(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Iterator[float]:
+    """Simulate the frames that ``writer`` does not have yet; each is stored, then said how long it took [s]."""
     if writer.num_frames == 0:
         writer.append(first_frame(scene))
     done = writer.num_frames - 1
@@ -69,14 +55,14 @@ def frames(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Itera
         seconds = time.perf_counter() - began
         state = result.state
         writer.append(state, _numbers(result, seconds, penetration, frame + 1))
-        yield result.outcome, seconds
+        yield seconds
 
 
 def _numbers(result: StepResult, seconds: float, penetration: Penetration | None, frame: int) -> dict[str, float]:
     numbers = {
         "iterations": float(result.iterations),
         "residual": result.residual,
-        "substeps": float(result.substeps),
+        "steps": float(result.steps),
         "outcome": float(list(Outcome).index(result.outcome)),
         "seconds": seconds,
     }

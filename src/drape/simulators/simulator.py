@@ -14,12 +14,12 @@ class Outcome(Enum):
 
     CONVERGED = "converged"
     ITERATIONS = (
-        "stopped at the maximum of iterations above the tolerance; the frame is usable. Raise simulator.iterations for "
-        "accuracy, or simulator.substeps for fast motion"
+        "stopped at the maximum of iterations above the tolerance. Raise simulator.iterations for accuracy, or "
+        "simulator.steps for fast motion"
     )
     PRECISION = (
-        "no further progress in this floating-point precision; the frame is as good as it gets. Use "
-        "simulator.precision=float64, or a larger simulator.tolerance"
+        "made no further progress in this floating-point precision. Use simulator.precision=float64, or a larger "
+        "simulator.tolerance"
     )
     NOT_FINITE = (
         "the energy of the present frame is not finite, so there is no next one; the cloth stays where it is. Look "
@@ -43,7 +43,8 @@ class StepResult:
     """Mean norm of the gradient over the free vertices [N]: what the forces miss to balance."""
     energies: dict[str, float] = field(default_factory=dict)
     """Energy of each term at the end of the (last) step [J]."""
-    substeps: int = 1
+    steps: int = 1
+    """Time steps that the frame was cut into."""
 
 
 @runtime_checkable

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+from collections.abc import Mapping
 
 from jaxtyping import Float
 from omegaconf import DictConfig
@@ -13,7 +14,17 @@ from drape import config as conf
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
+from drape.simulators.implicit import ImplicitSolver
 from drape.simulators.simulator import Simulator
+
+BUDGET = {name: inspect.signature(ImplicitSolver).parameters[name].default for name in ("iterations", "steps")}
+"""What a solver may spend on a frame unless said otherwise: evaluations in a time step, time steps."""
+
+
+def chosen_budget(simulator: object) -> dict[str, int]:
+    """Those of :data:`BUDGET` that the settings of a ``simulator`` state and that are not the usual ones."""
+    stated = simulator if isinstance(simulator, Mapping) else {}
+    return {name: stated[name] for name, usual in BUDGET.items() if stated.get(name, usual) != usual}
 
 
 def asks_for(make: object) -> set[str]:
