@@ -48,7 +48,7 @@ def closest_faces(
 
 def _by_tree(points: Tensor, mesh_of_point: Tensor, faces: Tensor, mesh_of_face: Tensor, body: Tensor) -> Pairs:
     known = torch.isin(mesh_of_point, mesh_of_face).nonzero()[:, 0]
-    shift = _apart(points[known], mesh_of_point[known], body, faces, mesh_of_face)
+    shift = _apart(points[known], mesh_of_point[known], body, mesh_of_face)
     corners = body[faces]
     if shift is None:
         place, target, vertices = points[known], faces, body
@@ -64,7 +64,9 @@ def _by_tree(points: Tensor, mesh_of_point: Tensor, faces: Tensor, mesh_of_face:
     return _sharing(known, face, points[known], faces, corners)
 
 
-def _apart(points: Tensor, mesh_of_point: Tensor, body: Tensor, faces: Tensor, mesh_of_face: Tensor):
+def _apart(
+    points: Tensor, mesh_of_point: Tensor, body: Tensor, mesh_of_face: Tensor
+) -> tuple[Tensor, Tensor] | None:
     """Shifts of points and faces [m] after which every point is nearest to its own body; None with one mesh only."""
     last = int(torch.maximum(mesh_of_point.max(), mesh_of_face.max()))
     if last == 0:

@@ -67,6 +67,11 @@ class Collisions:
             rest = np.concatenate([rest_positions, body])
             self.body = Meeting(rest, both, count, apart, body_distance or 0.0, body_stiffness)
 
+    def forget(self) -> None:
+        """Keep nothing of the searches so far."""
+        for meeting in filter(None, (self.cloth, self.body)):
+            meeting.forget()
+
     def energy_and_gradient(self, x: Cloth, body: Body = None) -> tuple[float, Cloth]:
         """Barrier of cloth and cloth, and of cloth and body [J], and its gradient [N]."""
         parts = [meeting.energy_and_gradient(points) for meeting, points in self._meetings(x, body)]

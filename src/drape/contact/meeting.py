@@ -61,6 +61,10 @@ class Meeting:
         self._at: Points | None = None
         self._limit_areas()
 
+    def forget(self) -> None:
+        """Search again at the next call: sums then depend on what comes from here on alone, to the last bit."""
+        self._candidates = self._at = None
+
     def energy_and_gradient(self, points: Points) -> tuple[float, Float[np.ndarray, "free 3"]]:
         """Barrier [J] and its gradient [N]."""
         near = self.collisions(points)

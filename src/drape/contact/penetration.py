@@ -84,7 +84,7 @@ def _near(points: np.ndarray, obstacle: Obstacle, frame: int) -> NearestFaces:
 def cleared(
     x: Float[Tensor, "vertices 3"], mesh_of_vertex: Int[Tensor, " vertices"], body: Body, clearance: float, reach: float
 ) -> Float[Tensor, "vertices 3"]:
-    """Vertices nearer to the body than ``clearance`` [m] moved there, also from inside, unless deeper than ``reach`` [m]."""
+    """Vertices nearer to the body than ``clearance`` [m], or inside it by less than ``reach`` [m], moved there."""
     near = NearestFaces.find(x, mesh_of_vertex, body.faces, body.mesh_of_face, body.x, body.x)
     close = (near.distance < clearance) & (near.distance > -reach)
     vertices = near.points[close]

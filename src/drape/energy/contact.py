@@ -15,6 +15,7 @@ from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.errors import DrapeError
 from drape.scene.mesh_batch import MeshBatch
+from drape.scene.scene import Scene
 
 
 class Contact(EnergyTerm):
@@ -55,6 +56,10 @@ class Contact(EnergyTerm):
         grown = copy.copy(self)
         grown.thickness, grown.reach = times * self.thickness, times * self.reach
         return grown
+
+    def beside(self, scene: Scene) -> list[tuple[EnergyTerm, str]]:
+        """Further terms of this contact, and why a scene requires them."""
+        return []
 
     def surface(self, mesh: MeshBatch) -> SurfacePoints:
         """The points of cloths that touch bodies."""

@@ -17,6 +17,7 @@ from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
 from drape.energy.hessian import StencilSum
 from drape.energy.inertia import Inertia
+from drape.energy.ipc import Barrier
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm
 from drape.scene.scene import Scene
@@ -63,19 +64,28 @@ class IncrementalPotential(nn.Module):
         for term in fabric:
             terms.append(term)
             reasons[term.name] = f"the fabric is {scene.material.name}"
+        contact = contact or SurfaceContact()
         if scene.obstacle is not None:
-            contact = (contact or SurfaceContact()).enlarged(scene.enlarged)
-            terms.append(contact)
+            touching = contact.enlarged(scene.enlarged)
+            terms.append(touching)
             reasons["contact"] = f"a body of {len(scene.obstacle.faces)} faces"
             if scene.friction:
-                terms.append(Friction(scene.friction, contact))
+                terms.append(Friction(scene.friction, touching))
                 reasons["friction"] = f"the coefficient of friction is {scene.friction:.4g}"
+        for term, reason in contact.beside(scene):
+            terms.append(term)
+            reasons[term.name] = reason
         return cls(terms, reasons)
 
     @property
     def contact(self) -> Contact | None:
         """The contact term, where the scene has a body."""
         return next((term for term in self.terms if isinstance(term, Contact)), None)
+
+    @property
+    def barrier(self) -> Barrier | None:
+        """The term that lets nothing cross, where there is one."""
+        return next((term for term in self.terms if isinstance(term, Barrier)), None)
 
     @property
     def names(self) -> list[str]:
@@ -102,9 +112,9 @@ class IncrementalPotential(nn.Module):
         """
         pieces, total = [], 0
         for term in self.terms:
-            better = None if rough else term.hessian(x_next, step)
+            better, loose = None if rough else term.hessian(x_next, step), term.loose_hessian(x_next, step)
             if better is None:
                 pieces += term.stencils(x_next, step)
-            else:
-                total = total + better
+            for part in (better, loose):
+                total = total if part is None else total + part
         return total + self._stencils.upper(pieces, len(x_next))

@@ -54,6 +54,10 @@ class EnergyTerm(nn.Module, ABC):
         """A better approximation than the stencils', as :meth:`rough_hessian`; None where there is none."""
         return None
 
+    def loose_hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array | None:
+        """A part of the Hessian whose entries stand elsewhere each time, as :meth:`rough_hessian`; None: there is none."""
+        return None
+
     def rough_hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array:
         """The stencils as one matrix, ``3 vertices`` square, of which the upper triangle is there."""
         return StencilSum().upper(self.stencils(x_next, step), len(x_next))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from drape.scene.scene import Scene
 from drape.scene.state import State
 from drape.simulators.balance import BALANCED, mean_weight
 from drape.simulators.energy_limit import stored, without_gain
-from drape.simulators.minimise import Minimiser
+from drape.simulators.minimise import SHORT_OF, Minimiser
 from drape.simulators.neural.advance import advance
 from drape.simulators.neural.kinematic_prior import KinematicPrior, Nothing
 from drape.simulators.simulator import Outcome, StepResult
@@ -25,8 +26,14 @@ from drape.simulators.simulator import Outcome, StepResult
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
 
-CARRIED = {"share": 0.9, "rounds": 16}
+SHARES = ({"share": 0.9, "rounds": 16},)
 """How closely cloth goes with the body where a step may start (:class:`KinematicPrior`)."""
+RIGID = {"share": 1.0, "rounds": 0}
+"""The same where nothing may cross: as if fixed to a body that turns."""
+CUTS = 20
+"""Parts into which a time step is cut where no start of it can be reached without a crossing."""
+LEAST_SHARE = 1e-3
+"""Of the rest of a time step: below it nothing is gained by a further cut."""
 ROUNDS = 3
 """How often contact is looked for again at the end of a step that left vertices inside the body."""
 
@@ -92,9 +99,16 @@ class ImplicitSolver:
         self.iterations = iterations
         self.steps_per_frame = steps
         self._minimiser = Minimiser(self.potential, self.steps.free, single=factors == "float32")
-        self._carried = None
+        self._barrier = self.potential.barrier
+        if self._barrier is not None and precision != "float64":
+            raise DrapeError(
+                f"simulator.precision: found {precision}; expected float64, as contact=ipc keeps distances far smaller "
+                "than positions; leave it out, or use contact=surface"
+            )
+        self._carried = []
         if contact is not None:
-            self._carried = KinematicPrior(Nothing(), **CARRIED, reach=contact.reach)
+            shares = SHARES if self._barrier is None else (*SHARES, RIGID)
+            self._carried = [KinematicPrior(Nothing(), **each, reach=contact.reach) for each in shares]
         self._is_left_alone = scene.obstacle is None and (scene.pins is None or scene.pins.is_static)
 
     def step(self, state: State, frame: int) -> StepResult:
@@ -105,19 +119,30 @@ class ImplicitSolver:
             state = taken[-1].state
             if taken[-1].outcome is Outcome.NOT_FINITE:
                 break
-        worst = max(taken, key=lambda each: np.nan_to_num(each.residual, nan=np.inf))
-        return replace(
-            taken[-1],
-            outcome=worst.outcome,
-            residual=worst.residual,
-            iterations=sum(each.iterations for each in taken),
-            steps=count,
-        )
+        return replace(_worst(taken), steps=count)
 
-    def _advance(self, state: State, start: float, stop: float) -> StepResult:
+    def _advance(self, state: State, start: float, stop: float, cuts: int = 0) -> StepResult:
         step = self.steps.step(state, start, stop)
-        starts = [step.x, step.inertial, *([] if self._carried is None else [advance(self._carried, step)])]
-        starts = [self.steps.pinned(start, state, stop) for start in starts]
+        places = [step.x, step.inertial, *(advance(carried, step) for carried in self._carried)]
+        places = [self.steps.pinned(place, state, stop) for place in places]
+        if self._barrier is None:
+            return self._minimised(state, step, places, stop)
+        self._barrier.collisions.forget()
+        shares = [self._barrier.share_beside_body(step.x, place, step) for place in places]
+        free = [place for place, share in zip(places, shares, strict=True) if share == 1.0]
+        if free:
+            return self._minimised(state, step, free, stop)
+        share, place = max(zip(shares, places, strict=True), key=lambda pair: pair[0])
+        if cuts == CUTS or share < LEAST_SHARE:
+            return StepResult(self._led(state, stop), Outcome.BLOCKED, len(places), float("nan"))
+        between = start + SHORT_OF * share * (stop - start)
+        part = self.steps.step(state, start, between)
+        place = self.steps.pinned(step.x + SHORT_OF * share * (place - step.x), state, between)
+        first = self._minimised(state, part, [place], between)
+        second = self._advance(first.state, between, stop, cuts + 1)
+        return _worst([first, second])
+
+    def _minimised(self, state: State, step: Step, starts: list[Tensor], stop: float) -> StepResult:
         self._minimiser.begin()
         x, found, outcome, used, residual = self._minimiser.minimise(starts, step, self.tolerance, self.iterations)
         before = self._minimiser.standing.terms
@@ -139,9 +164,23 @@ class ImplicitSolver:
             after = without_gain(state, after, released, self.steps.scene.mass, free, rounding)
         return StepResult(after, outcome, used, residual, found.terms)
 
+    def _led(self, state: State, stop: float) -> State:
+        """At rest where it is, but for pinned vertices."""
+        x = np.array(state.x)
+        if self.steps.scene.pins is not None:
+            x[self.steps.scene.pins.vertices] = self.steps.pin_targets(stop)
+        return State.at_rest(x)
+
     def _positions(self, x: Tensor, step: Step, state: State, stop: float) -> Float[np.ndarray, "vertices 3"]:
         """``x`` of a step in the world, in float64, pinned vertices exactly where they are led [m]."""
         positions = state.x + (x - step.x).double().cpu().numpy()
         if self.steps.scene.pins is not None:
             positions[self.steps.scene.pins.vertices] = self.steps.pin_targets(stop)
         return positions
+
+
+def _worst(taken: Sequence[StepResult]) -> StepResult:
+    """Time steps as one: it ends as the last, as well as the one whose forces are least balanced."""
+    worst = max(taken, key=lambda each: np.nan_to_num(each.residual, nan=np.inf))
+    iterations = sum(each.iterations for each in taken)
+    return replace(taken[-1], outcome=worst.outcome, residual=worst.residual, iterations=iterations)

@@ -26,6 +26,8 @@ STALLED = 12
 """Evaluations without a gain beyond rounding, and without half the residual, after which nothing more is expected."""
 SHRINK = (0.1, 0.5)
 """Bounds of the factor by which the line search shortens a step; between them a parabola decides."""
+SHORT_OF = 0.9
+"""Share of the free part of a way that a line search may go before what a barrier keeps apart would cross."""
 SUFFICIENT = 1e-4
 """Share of the predicted decrease that a step must bring (Armijo)."""
 
@@ -136,6 +138,12 @@ class Minimiser:
         self._is_stale = False
         self.factorisations += 1
 
+    def _free_share(self, x_from: Tensor, x_to: Tensor, step: Step) -> float:
+        """How much of the way a barrier leaves free, short of what it runs into."""
+        barrier = self.potential.barrier
+        share = 1.0 if barrier is None else barrier.free_share(x_from, x_to, step)
+        return 1.0 if share == 1.0 else SHORT_OF * share
+
     def _solve(self, gradient: Tensor) -> Tensor:
         right = gradient.reshape(-1)[self._slots].double().cpu().numpy()
         solution = np.zeros(3 * len(self.free))
@@ -166,7 +174,7 @@ class Minimiser:
         if not slope < 0:
             return None, 0
         rounding = _rounding(here, x.dtype)
-        share = 1.0
+        share = self._free_share(x, x + direction, step)
         for tried in range(1, max(2, min(budget, 40)) + 1):
             moved = x + share * direction
             if torch.equal(moved, x):

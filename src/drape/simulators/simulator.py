@@ -29,6 +29,10 @@ class Outcome(Enum):
         "the network predicts numbers that are not finite; the cloth stays where it is. The motion is unlike anything "
         "that it was trained on: train longer, or use simulator=implicit"
     )
+    BLOCKED = (
+        "the body leaves the cloth no way on that crosses nothing; the cloth stays where it is. Look for a body that "
+        "passes through itself, or take contact=surface"
+    )
 
 
 @dataclass(frozen=True)
