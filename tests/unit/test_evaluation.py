@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hydra import compose, initialize_config_dir
 
+from drape.config.entry_point import CONF
 from drape.data.garment_hdf5 import GarmentFile
 from drape.errors import DrapeError
 from drape.evaluation.garments import evaluate
@@ -78,6 +80,23 @@ def test_sequences_are_chosen_by_split_kind_and_number(file):
 
 
 # Interruptions
+
+
+@pytest.mark.parametrize(
+    ("overrides", "name"),
+    [
+        ([], "implicit_phys"),
+        (["simulator.iterations=200"], "implicit_phys"),
+        (["simulator.iterations=10"], "implicit_phys_10"),
+        (["simulator.steps=2"], "implicit_phys_x2"),
+        (["simulator.steps=4", "simulator.iterations=20"], "implicit_phys_20_x4"),
+    ],
+)
+def test_a_solver_is_named_by_what_it_may_spend(file, overrides, name):
+    """However that was said: the settings count, and those that are usual say nothing."""
+    with initialize_config_dir(str(CONF), version_base=None):
+        config = compose("evaluate", ["energy=phys", *overrides])
+    assert Method(config, file).named("implicit", "phys") == name
 
 
 def test_an_interrupted_sequence_goes_on_at_its_frame(file, tmp_path):

@@ -1,0 +1,95 @@
+"""Frames: each follows from the one before it alone, and is cut into time steps as it is said."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import drape
+from drape.data.animation_hdf5 import AnimationFile, AnimationHeader
+from drape.data.animation_writer import AnimationWriter
+from drape.energy.baked_file import read_baked
+from drape.energy.dissipation import Dissipation
+from drape.energy.elastic import ElasticEnergy
+from drape.energy.incremental_potential import IncrementalPotential
+from drape.scene.obstacle import Obstacle
+from drape.scene.pins import Pins
+from drape.scene.scene import Scene
+from drape.simulators import minimise
+from drape.simulators.implicit import ImplicitSolver
+from drape.simulators.rollout import COLUMNS, frames, roll_out
+from tests.unit.test_implicit import NO_ATTRIBUTES, ground, run, scene_of
+
+
+def halved(positions: np.ndarray) -> np.ndarray:
+    """With a frame between every two, in the middle."""
+    both = np.stack([positions[:-1], (positions[:-1] + positions[1:]) / 2], axis=1)
+    return np.concatenate([both.reshape(-1, *positions.shape[1:]), positions[-1:]])
+
+
+def moving_scene(frames: int = 6) -> Scene:
+    """A sheet, led by two corners, over ground that rises below it; with friction."""
+    ramp = np.arange(frames + 1)[:, None, None]
+    base = scene_of(frames=frames)
+    path = base.initial.x[[0, 7]] + ramp * [0.004, 0.0, 0.002]
+    body = ground(2.0, -0.02)
+    moving = Obstacle(body.faces, body.positions + ramp * [0.006, 0.0, 0.004])
+    return replace(base, pins=Pins(np.array([0, 7]), path), obstacle=moving, friction=0.5)
+
+
+def test_steps_in_a_frame_are_those_of_a_scene_with_more_frames():
+    """With a body and pins that move; a frame says the evaluations of all its steps and the worst residual."""
+    scene = moving_scene()
+    finer = replace(
+        scene, dt=scene.dt / 2, frames=2 * scene.frames,
+        pins=Pins(scene.pins.vertices, halved(scene.pins.targets)),
+        obstacle=Obstacle(scene.obstacle.faces, halved(scene.obstacle.positions)),
+    )  # fmt: skip
+    cut, whole = run(scene, 4, steps=2, iterations=20), run(finer, 8, iterations=20)
+    for frame, result in enumerate(cut):
+        pair = whole[2 * frame : 2 * frame + 2]
+        np.testing.assert_allclose(result.state.x, pair[1].state.x, atol=1e-9)
+        assert result.iterations == sum(each.iterations for each in pair)
+        assert result.residual == pytest.approx(max(each.residual for each in pair), rel=1e-3)
+        assert result.outcome is max(pair, key=lambda each: each.residual).outcome
+
+
+TABLE = Path(drape.__file__).parent / "checkpoints" / "eunet_stable_silk.npz"
+CASES = {
+    "exact": {"iterations": 80, "tolerance": 1e-7},
+    "few evaluations": {"iterations": 6},
+    "two steps a frame": {"iterations": 12, "steps": 2},
+    "single precision": {"precision": "float32", "factors": "float32"},
+}
+
+
+@pytest.mark.parametrize("settings", CASES.values(), ids=CASES)
+def test_interrupted_after_every_frame_is_as_never_interrupted(tmp_path, monkeypatch, settings):
+    """To the last bit: each frame by another solver, from the state that the file has.
+
+    Body, friction and pins; a learned law, and every call soon gives up its rough Hessian.
+    """
+    monkeypatch.setattr(minimise, "PATIENCE", 8)
+    scene, law = moving_scene(4), read_baked(TABLE).double()
+    header = AnimationHeader.of_scene(scene, COLUMNS, "{}")
+
+    def solver() -> ImplicitSolver:
+        terms = [ElasticEnergy(law, transfer=True), Dissipation(law)]
+        potential = IncrementalPotential.for_scene(scene, copy.deepcopy(terms))
+        return ImplicitSolver(potential, scene, NO_ATTRIBUTES, **settings)
+
+    with AnimationWriter(tmp_path / "straight.h5", header) as writer:
+        roll_out(solver(), scene, writer)
+    for _ in range(scene.frames):
+        with AnimationWriter(tmp_path / "interrupted.h5", header) as writer:
+            next(frames(solver(), scene, writer))
+    with AnimationFile(tmp_path / "straight.h5") as one, AnimationFile(tmp_path / "interrupted.h5") as other:
+        for name in ("x", "v"):
+            found, expected = (getattr(file.trajectory(), name) for file in (other, one))
+            assert np.array_equal(found, expected)
+        for name in ("iterations", "residual", "outcome"):
+            assert np.array_equal(other.numbers()[name], one.numbers()[name], equal_nan=True)
