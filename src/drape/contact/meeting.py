@@ -19,7 +19,7 @@ after a search, and more after a search along a path."""
 
 GAPS = (1e-6, 1e-7, 1e-8)
 """Distances that paths keep [m]. Without one, path after path leaves a tenth of what was left, and at 1e-11 m additive
-CCD loses the crossing to rounding. A start that is nearer than the last cannot move."""
+CCD loses the crossing to rounding. A start nearer than the last is left to tight inclusion, exact and slow (Wang 2021)."""
 
 ipctk.set_logger_level(ipctk.LoggerLevel.error)  # a path from nearer than a gap is no news
 
@@ -93,7 +93,8 @@ class Meeting:
             share = float(candidates.compute_collision_free_stepsize(self.mesh, start, end, gap, self.ccd))
             if share > 0.0:
                 return share
-        return 0.0
+        exact = ipctk.TightInclusionCCD()
+        return float(candidates.compute_collision_free_stepsize(self.mesh, start, end, 0.0, exact))
 
     def collisions(self, points: Points) -> ipctk.NormalCollisions:
         """Pairs nearer than the reach; those of the last call are kept."""
