@@ -19,7 +19,7 @@ after a search, and more after a search along a path."""
 
 GAPS = (1e-6, 1e-7, 1e-8)
 """Distances that paths keep [m]. Without one, path after path leaves a tenth of what was left, and at 1e-11 m additive
-CCD loses the crossing to rounding. A start nearer than the last is left to tight inclusion (Wang 2021), which is slow."""
+CCD loses the crossing to rounding. A nearer start is left to tight inclusion (Wang et al. 2021), which is slow."""
 
 ipctk.set_logger_level(ipctk.LoggerLevel.error)  # a path from nearer than a gap is no news
 
