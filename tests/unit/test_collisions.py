@@ -164,6 +164,22 @@ def test_a_vertex_stops_before_a_face():
     assert collisions.free_share(x, None, x + [0, 0, -1.0], None) == 1.0
 
 
+def test_path_after_path_never_crosses():
+    """Each leaves a tenth of the distance, until a gap that rounding cannot lose."""
+    rest, x, faces, upper = layers(0.003)
+    collisions = Collisions(rest, faces, self_distance=REACH, self_stiffness=STIFFNESS)
+    random = np.random.default_rng(5)
+    for _ in range(14):
+        end = x + 1e-4 * random.normal(size=x.shape)
+        end[:upper, 2] -= 0.003
+        x = x + collisions.free_share(x, None, end, None) * (end - x)
+        assert len(collisions.crossings(x).pairs) == 0
+    least = collisions.cloth.collisions(np.asfortranarray(x)).compute_minimum_distance(
+        collisions.cloth.mesh, np.asfortranarray(x)
+    )
+    assert 1e-9 < np.sqrt(least) < 1e-4
+
+
 @pytest.mark.parametrize("seed", range(10))
 def test_no_path_ends_in_a_crossing(seed):
     """Two triangles and random ways: vertex and face, edge and edge."""

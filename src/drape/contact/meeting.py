@@ -17,6 +17,12 @@ WIDE = 5.0
 """Margins by which the region may be larger than what is asked, on average, before pairs are searched anew: it is 2
 after a search, and more after a search along a path."""
 
+GAPS = (1e-6, 1e-7, 1e-8)
+"""Distances that paths keep [m]. Without one, path after path leaves a tenth of what was left, and at 1e-11 m additive
+CCD loses the crossing to rounding. A nearer start is left to tight inclusion (Wang et al. 2021), which is slow."""
+
+ipctk.set_logger_level(ipctk.LoggerLevel.error)  # a path from nearer than a gap is no news
+
 Points = Float[np.ndarray, "points 3"]
 
 
@@ -81,12 +87,18 @@ class Meeting:
     def free_share(self, start: Points, end: Points) -> float:
         """The largest share of the straight way that is free of crossings, by additive CCD (Li et al. 2021): 1 if all.
 
-        At the share that is returned a tenth of the distance at the start is left where something would be met.
+        At the share that is returned a tenth of the distance at the start is left where something would be met, and
+        at least the first of ``GAPS`` that the start allows.
         """
         if self._too_short_to_meet(start, end):
             return 1.0
         candidates = self._candidates_for(start, end)
-        return float(candidates.compute_collision_free_stepsize(self.mesh, start, end, 0.0, self.ccd))
+        for gap in GAPS:
+            share = float(candidates.compute_collision_free_stepsize(self.mesh, start, end, gap, self.ccd))
+            if share > 0.0:
+                return share
+        exact = ipctk.TightInclusionCCD()
+        return float(candidates.compute_collision_free_stepsize(self.mesh, start, end, 0.0, exact))
 
     def collisions(self, points: Points) -> ipctk.NormalCollisions:
         """Pairs nearer than the reach; those of the last call are kept."""
