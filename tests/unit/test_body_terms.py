@@ -84,7 +84,7 @@ def test_what_is_far_at_the_start_takes_no_part():
     """Beyond the search range there is nothing to evaluate, even for a cloth that ends inside the body."""
     step = over_a_floor(0.2)
     contact = PaperContact(reach=0.1)
-    assert len(step.near_points(0.1).points) == 0
+    assert len(step.near.within(0.1).points) == 0
     assert contact(step.x - 0.3 * UP, step).item() == 0.0
     assert contact.stencils(step.x, step)[0].blocks.shape == (0, 1, 3, 1, 3)
 
@@ -107,7 +107,7 @@ def test_cloth_that_moves_with_the_body_does_not_slip():
     """Body and cloth turned and moved over the step: no friction energy, no force; also beside edges of the body."""
     step, _ = make_step(square_grid(1.0, 8))
     friction = Friction(0.5, PaperContact(thickness=0.05))
-    near = step.near_points(0.1)
+    near = step.near.within(0.1)
     assert near.along.norm(dim=-1).max() > 1e-4
     turn, shift = tilt(0.5), torch.tensor([0.1, 0.2, -0.3], dtype=torch.float64)
     carried = with_body(step, x_next=step.obstacle.x @ turn.T + shift)
@@ -160,7 +160,8 @@ def test_a_slope(coefficient, slides):
 
 @pytest.mark.parametrize("make", [
     lambda: PaperContact(stiffness=0.0), lambda: PaperContact(thickness=-1e-3), lambda: PaperContact(reach=1e-3),
-    lambda: PaperContact(reach=math.inf), lambda: Friction(0.0, PaperContact()), lambda: Friction(0.5, PaperContact(), 0.0),
+    lambda: PaperContact(reach=math.inf), lambda: Friction(0.0, PaperContact()),
+    lambda: Friction(0.5, PaperContact(), 0.0),
 ])
 def test_impossible_numbers_are_refused(make):
     with pytest.raises(DrapeError, match="expected finite numbers"):

@@ -90,7 +90,10 @@ class NearestFaces:
         chosen = self.distance <= reach
         if first is not None:
             chosen &= self.points < first
-        rows = chosen.nonzero()[:, 0]
+        return self.chosen(chosen.nonzero()[:, 0])
+
+    def chosen(self, rows: Int[Tensor, " chosen"]) -> NearestFaces:
+        """Some of them."""
         parts = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "end"}
         return NearestFaces(**parts, end=Frame(*(part[rows] for part in self.end)))
 

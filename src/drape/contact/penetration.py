@@ -36,7 +36,8 @@ class Penetration:
         batch = MeshBatch.from_meshes([mesh])
         self._points, self._obstacle = SurfacePoints.of(batch, per_edge=1, per_face=1), obstacle
         share = torch.ones(batch.num_vertices, dtype=torch.float64)
-        self.share = self._points.mass(share, torch.arange(len(self._points.vertices))).numpy() / batch.num_vertices
+        everywhere = torch.arange(len(self._points.vertices))
+        self.share = self._points.chosen(everywhere, len(share)).mass(share).numpy() / len(share)
         """Of the surface, that a point stands for; a vertex counts as much as its edges and its faces do."""
 
     def depth(self, x: Float[np.ndarray, "vertices 3"], frame: int) -> Float[np.ndarray, " points"]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import copy
 import math
 from abc import abstractmethod
+from typing import NamedTuple
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from drape.contact.nearest_faces import NearestFaces
-from drape.contact.surface_points import SurfacePoints
+from drape.contact.surface_points import ChosenPoints, SurfacePoints
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.errors import DrapeError
@@ -18,8 +20,17 @@ from drape.scene.mesh_batch import MeshBatch
 from drape.scene.scene import Scene
 
 
+class Touch(NamedTuple):
+    """Points near a body over a step."""
+
+    faces: NearestFaces
+    points: ChosenPoints
+    stiffness: Float[Tensor, " near"]
+    """k of each point [N/m²]."""
+
+
 class Contact(EnergyTerm):
-    """``Σ k_p max(thickness - d_p, 0)³`` [J] over points p of the surface of the cloth (paper, appendix; FACTS 3.4).
+    """``Σ k_p max(thickness - d_p, 0)³`` [J] over points p of the surface (paper, appendix; FACTS 3.4).
 
     ``d = (y' - b') · n'`` is the signed distance of a point y' from the plane of the body face that is nearest to it at
     t, with the point b' and the outward normal n' of this face at t + dt. The energy is convex in x', and only points
@@ -66,46 +77,54 @@ class Contact(EnergyTerm):
         return SurfacePoints.of(mesh, self.per_edge, self.per_face)
 
     def near(self, step: Step) -> NearestFaces:
-        """The points that take part.
+        """The points that take part, and their faces.
 
         Raises:
-            DrapeError: a step that has not the points that this contact asks for.
+            DrapeError: a step without obstacle.
         """
-        return step.near_points(self.reach)
+        return step.near.within(self.reach)
+
+    def touch(self, step: Step) -> Touch:
+        """The same, made ready for many evaluations; once a step."""
+        return step.once((self, "touch"), lambda: self._touch(step, self.near(step)))
+
+    def pressed(self, step: Step) -> tuple[Touch, Float[Tensor, " pressed"]]:
+        """The points that the contact pushes at t, and how strongly [N]; once a step."""
+        return step.once((self, "pressed"), lambda: self._pressed(step))
+
+    def _touch(self, step: Step, near: NearestFaces) -> Touch:
+        points = step.surface.chosen(near.points, step.mesh.num_vertices)
+        return Touch(near, points, self.point_stiffness(step, points).to(near.distance))
+
+    def _pressed(self, step: Step) -> tuple[Touch, Float[Tensor, " pressed"]]:
+        near = self.near(step)
+        touch = self._touch(step, near.chosen((near.height < self.thickness).nonzero()[:, 0]))
+        return touch, 3.0 * touch.stiffness * (self.thickness - touch.faces.height).square()
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
-        near = self.near(step)
-        energy = self.point_stiffness(step, near) * self._depth(x_next, step, near) ** 3
-        return step.sum_stencils(energy, step.surface.vertices[near.points, 0])
+        touch = self.touch(step)
+        return step.sum_stencils(touch.stiffness * self._depth(x_next, touch) ** 3, touch.points.first_vertex)
 
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
-        near = self.near(step)
-        depth = self._depth(x_next.detach(), step, near)
-        push = self.normal_force(depth, step, near)
-        gradient = step.surface.spread(-push[:, None] * near.end.normal, near.points, len(x_next))
-        return step.sum_stencils(push * depth / 3.0, step.surface.vertices[near.points, 0]), gradient
+        touch = self.touch(step)
+        depth = self._depth(x_next.detach(), touch)
+        push = 3.0 * touch.stiffness * depth.square()
+        gradient = touch.points.spread(-push[:, None] * touch.faces.end.normal)
+        return step.sum_stencils(push * depth / 3.0, touch.points.first_vertex), gradient
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
         """``6 k (thickness - d) n' n'ᵀ`` of each point: exact."""
-        near = self.near(step)
-        curvature = 6.0 * self.point_stiffness(step, near) * self._depth(x_next.detach(), step, near)
-        normal = near.end.normal
+        touch = self.touch(step)
+        curvature = 6.0 * touch.stiffness * self._depth(x_next.detach(), touch)
+        normal = touch.faces.end.normal
         blocks = curvature[:, None, None] * normal[:, :, None] * normal[:, None, :]
-        return [Stencils(*piece) for piece in step.surface.stencils(near.points, blocks)]
+        return [Stencils(*piece) for piece in touch.points.stencils(blocks)]
 
-    def normal_force(self, depth: Float[Tensor, " near"], step: Step, near: NearestFaces) -> Float[Tensor, " near"]:
-        """``3 k depth²`` [N] of points ``depth`` [m] closer to the body than the thickness."""
-        return 3.0 * self.point_stiffness(step, near) * depth.square()
-
-    def depth_at_start(self, near: NearestFaces) -> Float[Tensor, " near"]:
-        """max(thickness - d, 0) of the points at t [m]."""
-        return (self.thickness - near.height).clamp(min=0.0)
-
-    def _depth(self, x_next: Tensor, step: Step, near: NearestFaces) -> Float[Tensor, " near"]:
-        arm = step.surface.chosen_at(x_next, near.points) - near.end.point
-        return (self.thickness - (arm * near.end.normal).sum(-1)).clamp(min=0.0)
+    def _depth(self, x_next: Tensor, touch: Touch) -> Float[Tensor, " near"]:
+        end = touch.faces.end
+        return (self.thickness - ((touch.points.at(x_next) - end.point) * end.normal).sum(-1)).clamp(min=0.0)
 
 
 class PaperContact(Contact):
@@ -120,8 +139,8 @@ class PaperContact(Contact):
     def near(self, step: Step) -> NearestFaces:
         return step.near_vertices(self.reach)
 
-    def point_stiffness(self, step: Step, near: NearestFaces) -> float:
-        return self.stiffness
+    def point_stiffness(self, step: Step, points: ChosenPoints) -> Float[Tensor, " points"]:
+        return torch.full_like(points.first_vertex, self.stiffness, dtype=step.x.dtype)
 
 
 class SurfaceContact(Contact):
@@ -140,7 +159,12 @@ class SurfaceContact(Contact):
     """
 
     def __init__(
-        self, stiffness: float = 2e7, thickness: float = 5e-3, reach: float = 0.2, per_edge: int = 1, per_face: int = 0
+        self,
+        stiffness: float = 2e7,
+        thickness: float = 5e-3,
+        reach: float = 0.2,
+        per_edge: int = 1,
+        per_face: int = 0,
     ):
         super().__init__(stiffness, thickness, reach)
         if per_edge < 0 or per_face not in (0, 1, 3):
@@ -150,5 +174,5 @@ class SurfaceContact(Contact):
             )
         self.per_edge, self.per_face = per_edge, per_face
 
-    def point_stiffness(self, step: Step, near: NearestFaces) -> Float[Tensor, " near"]:
-        return self.stiffness * step.surface.mass(step.mass, near.points)
+    def point_stiffness(self, step: Step, points: ChosenPoints) -> Float[Tensor, " points"]:
+        return self.stiffness * points.mass(step.mass)

@@ -8,8 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.contact.nearest_faces import NearestFaces
-from drape.energy.contact import Contact
+from drape.energy.contact import Contact, Touch
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.errors import DrapeError
@@ -56,45 +55,42 @@ class Friction(EnergyTerm):
         self.slip_speed = slip_speed
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
-        near = self.contact.near(step)
-        square = _slip(x_next, step, near).square().sum(-1)
-        end = self.slip_speed * step.dt
-        # the root is taken only above e and the power below, so both have a derivative at every slip
-        above = square.clamp(min=end**2).sqrt() - end / 3.0
-        low = square.clamp(max=end**2)
-        below = low / end - low.pow(1.5) / (3.0 * end**2)
-        energy = self._grip(step, near) * torch.where(square > end**2, above, below)
-        return step.sum_stencils(energy, step.surface.vertices[near.points, 0])
+        touch, force = self.contact.pressed(step)
+        return self._energy(_slip(x_next, touch), force, touch, step)
 
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
-        near = self.contact.near(step)
-        slip = _slip(x_next.detach(), step, near)
+        touch, force = self.contact.pressed(step)
+        slip = _slip(x_next.detach(), touch)
         rate, _ = self._rates(slip, step.dt)
-        pull = (self._grip(step, near) * rate)[:, None] * slip
-        force = (pull[:, :, None] * near.end.tangents).sum(1)
-        gradient = step.surface.spread(force, near.points, len(x_next))
-        return self(x_next.detach(), step), gradient
+        pull = (self.coefficient * force * rate)[:, None] * slip
+        gradient = touch.points.spread((pull[:, :, None] * touch.faces.end.tangents).sum(1))
+        return self._energy(slip, force, touch, step), gradient
+
+    def _energy(self, slip: Float[Tensor, "pressed 2"], force: Tensor, touch: Touch, step: Step) -> Tensor:
+        square, end = slip.square().sum(-1), self.slip_speed * step.dt
+        # the root is taken only above e and the power below, so both have a derivative at every slip
+        above = square.clamp(min=end**2).sqrt() - end / 3.0
+        low = square.clamp(max=end**2)
+        below = low / end - low.pow(1.5) / (3.0 * end**2)
+        energy = self.coefficient * force * torch.where(square > end**2, above, below)
+        return step.sum_stencils(energy, touch.points.first_vertex)
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
         """``μ N Tᵀ (f'/|u| I + (f'' - f'/|u|) û ûᵀ) T``: exact; f'' is never negative."""
-        near = self.contact.near(step)
-        slip = _slip(x_next.detach(), step, near)
+        touch, force = self.contact.pressed(step)
+        slip = _slip(x_next.detach(), touch)
         rate, drop = self._rates(slip, step.dt)
         shortest = 1e-9 * self.slip_speed * step.dt
         unit = slip / slip.square().sum(-1, keepdim=True).sqrt().clamp(min=shortest)
         identity = torch.eye(2, dtype=slip.dtype, device=slip.device)
         plane = rate[:, None, None] * identity - drop[:, None, None] * unit[:, :, None] * unit[:, None, :]
-        tangents = near.end.tangents
-        blocks = self._grip(step, near)[:, None, None] * (tangents.mT @ plane @ tangents)
-        return [Stencils(*piece) for piece in step.surface.stencils(near.points, blocks)]
+        tangents = touch.faces.end.tangents
+        blocks = (self.coefficient * force)[:, None, None] * (tangents.mT @ plane @ tangents)
+        return [Stencils(*piece) for piece in touch.points.stencils(blocks)]
 
-    def _grip(self, step: Step, near: NearestFaces) -> Float[Tensor, " near"]:
-        """μ N [N]."""
-        return self.coefficient * self.contact.normal_force(self.contact.depth_at_start(near), step, near)
-
-    def _rates(self, slip: Float[Tensor, "near 2"], dt: float) -> tuple[Tensor, Tensor]:
+    def _rates(self, slip: Float[Tensor, "pressed 2"], dt: float) -> tuple[Tensor, Tensor]:
         """``f'/|u|`` and ``f'/|u| - f''`` [1/m]."""
         end = self.slip_speed * dt
         size = slip.square().sum(-1).sqrt()
@@ -103,7 +99,7 @@ class Friction(EnergyTerm):
         return rate, torch.where(size > end, 1.0 / long, size / end**2)
 
 
-def _slip(x_next: Float[Tensor, "vertices 3"], step: Step, near: NearestFaces) -> Float[Tensor, "near 2"]:
+def _slip(x_next: Float[Tensor, "vertices 3"], touch: Touch) -> Float[Tensor, "pressed 2"]:
     """Along the two tangents of the face at t + dt [m]; the offset at t is measured along those at t."""
-    arm = step.surface.chosen_at(x_next, near.points) - near.end.point
-    return (near.end.tangents * arm[:, None]).sum(-1) - near.along
+    end = touch.faces.end
+    return (end.tangents * (touch.points.at(x_next) - end.point)[:, None]).sum(-1) - touch.faces.along

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -13,6 +15,8 @@ from drape.contact.surface_points import SurfacePoints
 from drape.errors import DrapeError
 from drape.scene.geometry import EdgeGeometry
 from drape.scene.mesh_batch import MeshBatch
+
+Kept = TypeVar("Kept")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,18 +87,15 @@ class Step:
         points = self.surface.at(self.x)
         return NearestFaces.find(points, self.surface.mesh_of_point, body.faces, body.mesh_of_face, body.x, body.x_next)
 
-    def near_points(self, reach: float) -> NearestFaces:
-        """Of ``near`` the points at most ``reach`` [m] from the body."""
-        return self._near_within(reach, None)
-
     def near_vertices(self, reach: float) -> NearestFaces:
         """Of ``near`` the vertices at most ``reach`` [m] from the body; their ``points`` are numbers of vertices."""
-        return self._near_within(reach, self.mesh.num_vertices)
+        return self.once(("vertices", reach), lambda: self.near.within(reach, self.mesh.num_vertices))
 
-    def _near_within(self, reach: float, first: int | None) -> NearestFaces:
-        if (reach, first) not in self._kept:
-            self._kept[reach, first] = self.near.within(reach, first)
-        return self._kept[reach, first]
+    def once(self, key: Hashable, make: Callable[[], Kept]) -> Kept:
+        """What ``make`` gives, made once for this step."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
 
     def with_near(self, near: NearestFaces) -> Step:
         """The same step with other nearest faces than those at t."""
@@ -103,7 +104,7 @@ class Step:
         return step
 
     @cached_property
-    def _kept(self) -> dict[tuple[float, int | None], NearestFaces]:
+    def _kept(self) -> dict[Hashable, object]:
         return {}
 
     def sum_stencils(self, per_stencil: Float[Tensor, " stencils"], vertex: Int[Tensor, " stencils"]) -> Tensor:
