@@ -23,7 +23,7 @@ SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
 
 def falling(**changes: object):
     settings = {
-        "size": 0.8, "resolution": 9, "pattern": "alternating", "radius": 0.2, "subdivisions": 2, "gap": 0.01,
+        "size": 0.8, "resolution": 13, "pattern": "alternating", "radius": 0.2, "subdivisions": 2, "gap": 0.01,
         "sway": [0.2, 0.0, 0.1], "period": 1.0, "friction": 0.3, "material": SILK, "mass": {"areal_density": 0.3},
         "gravity": [0.0, 0.0, -9.81], "fps": 30.0, "frames": 8,
     }

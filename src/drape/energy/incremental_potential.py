@@ -45,7 +45,7 @@ class IncrementalPotential(nn.Module):
         super().__init__()
         self.terms = nn.ModuleList(terms)
         self.reasons = reasons or {}
-        self._stencils = StencilSum()
+        self._stencils = {rough: StencilSum() for rough in (True, False)}
 
     @classmethod
     def for_scene(
@@ -117,4 +117,4 @@ class IncrementalPotential(nn.Module):
                 pieces += term.stencils(x_next, step)
             for part in (better, loose):
                 total = total if part is None else total + part
-        return total + self._stencils.upper(pieces, len(x_next))
+        return total + self._stencils[rough].upper(pieces, len(x_next))

@@ -47,7 +47,7 @@ class EnergyTerm(nn.Module, ABC):
         return energy.detach(), gradient
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
-        """A positive semi-definite approximation of the Hessian at ``x_next``, piece by piece; [] where it is zero."""
+        """A positive semi-definite approximation of the Hessian at ``x_next``, piece by piece; [] if it is zero."""
         return []
 
     def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array | None:
@@ -55,7 +55,7 @@ class EnergyTerm(nn.Module, ABC):
         return None
 
     def loose_hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array | None:
-        """A part of the Hessian whose entries stand elsewhere each time, as :meth:`rough_hessian`; None: no such part."""
+        """A part of the Hessian whose entries stand elsewhere each time, as :meth:`rough_hessian`; None: there is none."""
         return None
 
     def rough_hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array:
