@@ -96,7 +96,7 @@ class SceneSteps:
     def _nearest(self, x: Float[np.ndarray, "vertices 3"], time: float) -> NearestFaces:
         """Of the body at a time in frames; a step begins where the one before has ended, so the last search is kept."""
         if self._searched is None or self._searched[0] != time or not np.array_equal(self._searched[1], x):
-            body = torch.from_numpy(_between(self.scene.obstacle, time)).to(self.device)
+            body = torch.tensor(_between(self.scene.obstacle, time), device=self.device)
             points = self._touching.at(torch.tensor(x, device=self.device))
             none = torch.zeros(max(len(points), len(self._faces)), dtype=torch.long, device=self.device)
             near = NearestFaces.find(points, none[: len(points)], self._faces, none[: len(self._faces)], body, body)
