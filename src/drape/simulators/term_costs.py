@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 from drape.energy.incremental_potential import IncrementalPotential
@@ -40,7 +41,7 @@ def search_seconds(step: Step) -> float | None:
     if step.obstacle is None:
         return None
     began = time.perf_counter()
-    _ = step.near
+    _ = replace(step).near  # that of the step is there already
     return time.perf_counter() - began
 
 
