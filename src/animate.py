@@ -9,6 +9,7 @@ from rich.console import Console
 
 from drape import config as conf
 from drape.blender.output import export, render
+from drape.contact.coarseness import too_coarse
 from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
 from drape.energy.incremental_potential import IncrementalPotential
@@ -17,6 +18,7 @@ from drape.report.animated import animated, explained
 from drape.report.preview import preview
 from drape.simulators.device import check_device
 from drape.simulators.rollout import COLUMNS, roll_out
+from drape.simulators.simulator import barrier_of
 from drape.simulators.solver import simulator_of
 
 SHAPES_FRAMES = ("scene", "fabric", "energy", "contact", "simulator")
@@ -34,6 +36,10 @@ def main(config: DictConfig) -> None:
     fabric = conf.instantiate(config.energy)
     potential = IncrementalPotential.for_scene(scene, fabric.terms, conf.instantiate(config.contact))
     simulator = simulator_of(config.simulator, potential, scene, fabric.attributes)
+    contact = potential.contact
+    coarse = contact and too_coarse(scene.mesh, scene.obstacle, contact.per_edge, contact.thickness)
+    if coarse:
+        print(coarse)
     if config.explain:
         Console().print(explained(potential, simulator.steps.step(scene.initial, 0.0, 1.0)).terminal())
         return
@@ -46,7 +52,7 @@ def main(config: DictConfig) -> None:
         made.append(preview(path, folder / "preview.png"))
     elif output.render == "cycles":
         made.append(render(path, folder, output.samples, output.size, output.every))
-    print(animated(path, scene, made))
+    print(animated(path, scene, made, barrier_of(simulator)))
 
 
 if __name__ == "__main__":

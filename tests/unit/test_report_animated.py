@@ -11,7 +11,8 @@ import trimesh
 
 from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
-from drape.report.animated import animated, spans
+from drape.report.animated import animated
+from drape.report.frame_numbers import spans
 from drape.scene.grid import square_grid
 from drape.scene.material import Material
 from drape.scene.obstacle import Obstacle

@@ -8,15 +8,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from drape.data.animation_hdf5 import AnimationFile
 from drape.energy.incremental_potential import IncrementalPotential
+from drape.energy.ipc import Barrier
 from drape.energy.step import Step
 from drape.metrics.position import distance_travelled, vertex_distance
+from drape.report.crossed import crossed, untangled
+from drape.report.frame_numbers import spans
 from drape.report.table import Table
 from drape.scene.scene import Scene
 from drape.simulators.balance import HANGING, mean_weight
+from drape.simulators.rollout import first_frame
 from drape.simulators.simulator import Outcome
 from drape.simulators.term_costs import search_seconds, term_costs
 
@@ -34,13 +38,21 @@ def explained(potential: IncrementalPotential, step: Step) -> Table:
     return Table("Energies of this scene", ("energy", "because", "energy and forces, ms", "Hessian, ms"), rows, nearest)
 
 
-def animated(path: Path, scene: Scene, made: Sequence[Path]) -> str:
-    """How all frames of the file went, what to do about those that did not converge, and where everything is."""
+def animated(path: Path, scene: Scene, made: Sequence[Path], barrier: Barrier | None = None) -> str:
+    """How all frames of the file went, what to do about those that did not converge, and where everything is.
+
+    ``barrier``: what lets nothing cross in them, where there is one; it is then checked that nothing does.
+    """
     with AnimationFile(path) as file:
         numbers = {name: values[1:] for name, values in file.numbers().items()}
         count, vertices = file.num_frames - 1, scene.mesh.num_vertices
         lines = [f"{scene.name}: {count} frames of {vertices} vertices, {scene.material.name}"]
-        lines += _moved_out(file.x(0), scene.initial.x)
+        if barrier is None:
+            lines += _moved_out(file.x(0), scene.initial.x)
+        else:
+            out = first_frame(scene).x
+            lines += _moved_out(out, scene.initial.x) + untangled(out, file.x(0), scene, barrier)
+            lines.append(crossed(file, scene, barrier))
         if scene.reference is not None:
             lines.append(_beside(file, scene.reference))
     missed = numbers["residual"] / mean_weight(scene)
@@ -90,12 +102,6 @@ def _not_converged(outcomes: Sequence[Outcome], missed: Float[np.ndarray, " fram
     elif short.any() and np.isfinite(missed[short]).all():
         lines.append(f"these frames are usable: forces balance to within {missed[short].max():.2g} weights of a vertex")
     return lines
-
-
-def spans(frames: Int[np.ndarray, " frames"]) -> str:
-    """Sorted numbers in words: ``12-18, 40``."""
-    parts = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
-    return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in parts)
 
 
 def _mean(values: Float[np.ndarray, " frames"]) -> float:

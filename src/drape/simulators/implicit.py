@@ -99,15 +99,15 @@ class ImplicitSolver:
         self.iterations = iterations
         self.steps_per_frame = steps
         self._minimiser = Minimiser(self.potential, self.steps.free, single=factors == "float32")
-        self._barrier = self.potential.barrier
-        if self._barrier is not None and precision != "float64":
+        self.barrier = self.potential.barrier
+        if self.barrier is not None and precision != "float64":
             raise DrapeError(
                 f"simulator.precision: found {precision}; expected float64, as contact=ipc keeps distances far smaller "
                 "than positions; leave it out, or use contact=surface"
             )
         self._carried = []
         if contact is not None:
-            shares = SHARES if self._barrier is None else (*SHARES, RIGID)
+            shares = SHARES if self.barrier is None else (*SHARES, RIGID)
             self._carried = [KinematicPrior(Nothing(), **each, reach=contact.reach) for each in shares]
         self._is_left_alone = scene.obstacle is None and (scene.pins is None or scene.pins.is_static)
 
@@ -125,10 +125,10 @@ class ImplicitSolver:
         step = self.steps.step(state, start, stop)
         places = [step.x, step.inertial, *(advance(carried, step) for carried in self._carried)]
         places = [self.steps.pinned(place, state, stop) for place in places]
-        if self._barrier is None:
+        if self.barrier is None:
             return self._minimised(state, step, places, stop)
-        self._barrier.collisions.forget()
-        shares = [self._barrier.share_beside_body(step.x, place, step) for place in places]
+        self.barrier.collisions.forget()
+        shares = [self.barrier.share_beside_body(step.x, place, step) for place in places]
         free = [place for place, share in zip(places, shares, strict=True) if share == 1.0]
         if free:
             return self._minimised(state, step, free, stop)

@@ -10,10 +10,12 @@ import numpy as np
 from tqdm import tqdm
 
 from drape.contact.penetration import Penetration, push_out
+from drape.contact.untangle import untangle
 from drape.data.animation_writer import AnimationWriter
+from drape.energy.ipc import Barrier
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators.simulator import Outcome, Simulator, StepResult
+from drape.simulators.simulator import Outcome, Simulator, StepResult, barrier_of
 
 COLUMNS = {"iterations": "1", "residual": "N", "steps": "1", "outcome": "1", "seconds": "s", "inside": "1"}
 """Stored with each frame; ``outcome``: its place among the :class:`Outcome`, 0 is converged; ``inside``: share of the
@@ -22,12 +24,18 @@ CLEARANCE = 2e-3
 """Distance from the body to which the first frame is moved where it is inside [m]."""
 
 
-def first_frame(scene: Scene) -> State:
-    """The initial state, with vertices that are inside the body moved out of it and stopped."""
-    if scene.obstacle is None:
-        return scene.initial
-    initial = scene.initial
-    x = push_out(initial.x, scene.obstacle, CLEARANCE)
+def first_frame(scene: Scene, barrier: Barrier | None = None) -> State:
+    """The initial state, with vertices that are inside the body moved out of it and stopped.
+
+    With a ``barrier``, which keeps apart only what is apart, cloth that crosses is then untangled as far as possible,
+    and stopped as well; pinned vertices stay.
+    """
+    initial, body = scene.initial, scene.obstacle
+    x = initial.x if body is None else push_out(initial.x, body, CLEARANCE)
+    if barrier is not None:
+        held = np.zeros(len(x), bool)
+        held[[] if scene.pins is None else scene.pins.vertices] = True
+        x, _ = untangle(barrier.collisions, x, None if body is None else body.at(0), held=held)
     moved = (x != initial.x).any(axis=1, keepdims=True)
     return State(x, np.where(moved, 0.0, initial.v))
 
@@ -45,7 +53,7 @@ def roll_out(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Non
 def frames(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> Iterator[float]:
     """Simulate the frames that ``writer`` does not have yet; each is stored, then said how long it took [s]."""
     if writer.num_frames == 0:
-        writer.append(first_frame(scene))
+        writer.append(first_frame(scene, barrier_of(simulator)))
     done = writer.num_frames - 1
     state = writer.state(done)
     penetration = None if scene.obstacle is None else Penetration(scene.mesh, scene.obstacle)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol, runtime_checkable
 
+from drape.energy.ipc import Barrier
 from drape.scene.state import State
 
 
@@ -58,3 +59,8 @@ class Simulator(Protocol):
     def step(self, state: State, frame: int) -> StepResult:
         """The state at frame ``frame + 1`` from that at ``frame``."""
         ...
+
+
+def barrier_of(simulator: Simulator) -> Barrier | None:
+    """What lets nothing cross in its frames; None where there is no such thing."""
+    return getattr(simulator, "barrier", None)
