@@ -139,6 +139,8 @@ class ImplicitSolver:
         part = self.steps.step(state, start, between)
         place = self.steps.pinned(step.x + SHORT_OF * share * (place - step.x), state, between)
         first = self._minimised(state, part, [place], between)
+        if first.outcome is Outcome.NOT_FINITE:
+            return first
         second = self._advance(first.state, between, stop, cuts + 1)
         return _worst([first, second])
 
