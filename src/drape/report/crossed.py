@@ -37,7 +37,7 @@ def crossed(file: AnimationFile, scene: Scene, barrier: Barrier) -> str:
     where = np.flatnonzero(ends) + 1
     return (
         f"{len(where)} of {count} frames ({spans(where)}) end with crossing faces, at most {max(ends)} pairs; "
-        "contact=ipc keeps apart what starts apart: look at the start, and at pins and bodies that pass through each other"
+        "contact=ipc keeps apart what starts apart: look at the start, and at pins and bodies that meet each other"
     )
 
 
