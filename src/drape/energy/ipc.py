@@ -117,7 +117,7 @@ class IpcContact(SurfaceContact):
         DrapeError: as :class:`SurfaceContact`, :class:`Barrier` and :class:`Collisions`.
     """
 
-    def __init__(self, *, self_distance: float, body_distance: float, self_friction: float, **surface: float):
+    def __init__(self, *, self_distance: float, body_distance: float, self_friction: float, **surface: float | int):
         super().__init__(**surface)
         self.self_distance, self.body_distance, self.self_friction = self_distance, body_distance, self_friction
 
