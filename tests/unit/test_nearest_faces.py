@@ -10,6 +10,8 @@ import torch
 import trimesh
 
 from drape.contact import closest_faces, mesh_distances
+from drape.contact.nearest_faces import NearestFaces
+from drape.scene.obstacle import Obstacle
 from drape.scene.triangles import closest_on_triangles
 
 
@@ -119,6 +121,18 @@ def test_only_within_range_and_only_the_own_body(device, monkeypatch):
     assert near.points.tolist() == [0, 2, 3]
     assert mesh_of_face[near.faces].tolist() == [0, 1, 1]
     assert near.distance.tolist() == pytest.approx([0.05, 0.35, -0.2], abs=0.02)
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_corners_of_its_own_for_each_face_change_no_side(body):
+    """As files have it for shading: the welded faces of such a body find what those of the body itself find."""
+    faces, vertices = tensors(BODIES[body]())
+    loose = Obstacle(np.arange(3 * len(faces)).reshape(-1, 3), vertices[faces].reshape(1, -1, 3).numpy())
+    x = torch.cat([s * vertices[:100] for s in (1.01, 0.99)] + [0.8 * torch.rand(100, 3, dtype=torch.float64) - 0.4])
+    whole = find(x, faces, vertices)
+    found = find(x, torch.tensor(loose.welded_faces), torch.tensor(loose.at(0)))
+    torch.testing.assert_close(found.distance, whole.distance)
+    assert torch.equal(found.distance < 0, whole.distance < 0)
 
 
 def test_nothing_near():
