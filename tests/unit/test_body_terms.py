@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
+import trimesh
 
 from drape.contact.nearest_faces import NearestFaces
-from drape.energy.contact import PaperContact
+from drape.energy.contact import Contact, PaperContact, SurfaceContact
 from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
 from drape.energy.inertia import Inertia
@@ -59,6 +61,46 @@ def test_weight_rests_on_the_floor():
     assert (push + weight).abs().max() < 1e-9
     _, deeper = contact.energy_and_gradient(step.x - 1e-4 * UP, step)
     assert (deeper + weight)[:, 2].max() < -0.1
+
+
+def touching(step: Step, contact: Contact) -> Step:
+    """The same step with the points that this contact asks for."""
+    return replace(step, touching=contact.surface(step.mesh))
+
+
+@pytest.mark.parametrize(("per_edge", "per_face"), [(0, 0), (1, 0), (2, 3)])
+@pytest.mark.parametrize("areal_density", [0.2, 100.0])
+def test_fabrics_of_any_weight_sink_in_alike(areal_density, per_edge, per_face):
+    """By sqrt(g / (3 stiffness)): there all forces of a sheet on a floor cancel, whatever its vertices weigh."""
+    contact = SurfaceContact(stiffness=2e7, thickness=5e-3, per_edge=per_edge, per_face=per_face)
+    depth = math.sqrt(10.0 / (3 * 2e7))
+    step = over_a_floor(5e-3 - depth)
+    step = touching(replace(step, mass=areal_density / 25 * step.mass / step.mass.mean()), contact)
+    weight = step.mass[:, None] * 10.0 * UP
+    _, push = contact.energy_and_gradient(step.x, step)
+    assert push.sum(0)[2].item() == pytest.approx(-weight.sum().item(), rel=1e-9)
+    assert (push + weight).norm() < 0.5 * weight.norm(), "points of edges share the load of their two ends"
+    _, deeper = contact.energy_and_gradient(step.x - 1e-5 * UP, step)
+    assert deeper.sum(0)[2].item() < 1.01 * push.sum(0)[2].item()
+
+
+def test_contact_is_felt_inside_a_face():
+    """A small ball under the middle of a large triangle: felt by a point there, not by the vertices."""
+    ball = trimesh.creation.icosphere(2, 0.05)
+    mesh = square_grid(1.0, 2)
+    step, _ = make_step(mesh)
+    x = step.mesh.rest_positions
+    under = torch.from_numpy(np.array(ball.vertices)) + x[step.mesh.faces[0]].mean(0) - 0.048 * UP
+    faces = torch.from_numpy(np.array(ball.faces, dtype=np.int64))
+    body = ObstacleStep(faces, under, under, torch.zeros(len(faces), dtype=torch.long))
+    step = replace(step, x=x, obstacle=body)
+    for contact, is_felt in ((PaperContact(), 0), (SurfaceContact(per_edge=1), 0), (SurfaceContact(per_face=1), 1)):
+        there = touching(step, contact)
+        energy, push = contact.energy_and_gradient(x, there)
+        assert (energy.item() > 0) == is_felt
+        corners = torch.zeros(len(x), dtype=torch.bool)
+        corners[step.mesh.faces[0]] = is_felt
+        assert torch.equal(push[:, 2] < 0, corners), "it lifts the three corners of the face"
 
 
 def test_no_contact_beyond_the_thickness():

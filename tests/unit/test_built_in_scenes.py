@@ -14,6 +14,7 @@ from drape.config import instantiate
 from drape.config.entry_point import CONF
 from drape.data import schema
 from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
+from drape.energy.incremental_potential import IncrementalPotential
 from drape.errors import DrapeError
 from drape.scene.grid import square_grid
 from drape.scene.mass import vertex_areas
@@ -171,6 +172,23 @@ def test_a_mesh_alone_is_a_scene(own):
     assert (scene.name, scene.pins, scene.obstacle, scene.friction, scene.external_force) == ("cloth", *[None] * 4)
     np.testing.assert_allclose(scene.initial.x, square_grid(1.0, 5).rest_positions)
     assert scene.mass.sum() == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize("contact", ["surface", "paper", "ipc"])
+def test_what_is_enlarged_keeps_longer_distances_and_what_is_made_smaller_does_not_keep_shorter_ones(own, contact):
+    """Files in centimetres are no small scene."""
+    make = instantiate(compose(None, [f"+contact={contact}"]).contact)
+    lengths = {}
+    for scale in (0.01, 1.0, 5.0):
+        scene = custom(own, f"scene.scale={scale}", f"scene.body={own}/ball.npz", "scene.frames=1")
+        potential = IncrementalPotential.for_scene(scene, [], make)
+        lengths[scale] = [potential.contact.thickness, potential.contact.reach]
+        if contact == "ipc":
+            collisions = potential.barrier.collisions
+            lengths[scale] += [collisions.cloth.reach, collisions.body.reach]
+    assert lengths[0.01] == lengths[1.0]
+    assert lengths[5.0] == pytest.approx([5.0 * length for length in lengths[1.0]])
+    assert make.thickness == lengths[1.0][0], "the contact itself stays as it is"
 
 
 def test_rest_shape_and_start_may_differ(own):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import trimesh
 
 from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
+from drape.energy.ipc import Barrier
 from drape.report.animated import animated
 from drape.report.frame_numbers import spans
 from drape.scene.grid import square_grid
@@ -22,6 +25,7 @@ from drape.scene.state import State
 from drape.simulators.balance import HANGING, mean_weight
 from drape.simulators.rollout import COLUMNS, roll_out
 from drape.simulators.simulator import Outcome, StepResult
+from tests.unit.test_ipc import dented, ipc
 
 SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
 MESH = square_grid(1.0, 4)
@@ -38,23 +42,29 @@ def scene_of(frames: int, **changes: object) -> Scene:
 class Told:
     """Ends its frames as it is told: outcome and residual in weights; stops after so many."""
 
-    def __init__(self, scene: Scene, frames: list[tuple[Outcome, float]]):
-        self.weight, self.frames = mean_weight(scene), frames
+    def __init__(self, scene: Scene, frames: list[tuple[Outcome, float]], barrier: Barrier | None = None):
+        self.weight, self.frames, self.barrier = mean_weight(scene), frames, barrier
 
     def step(self, state: State, frame: int) -> StepResult:
         outcome, missed = self.frames[frame]
         return StepResult(state, outcome, 7, missed * self.weight)
 
 
-def said(folder: Path, scene: Scene, frames: list[tuple[Outcome, float]], stop: int | None = None) -> str:
+def said(
+    folder: Path,
+    scene: Scene,
+    frames: list[tuple[Outcome, float]],
+    stop: int | None = None,
+    barrier: Barrier | None = None,
+) -> str:
     """The words at the end; with ``stop``, of an animation that was interrupted there and continued."""
     path = folder / "animation.h5"
     if stop is not None:
         with pytest.raises(IndexError), AnimationWriter(path, AnimationHeader.of_scene(scene, COLUMNS, "{}")) as writer:
-            roll_out(Told(scene, frames[:stop]), scene, writer)
+            roll_out(Told(scene, frames[:stop], barrier), scene, writer)
     with AnimationWriter(path, AnimationHeader.of_scene(scene, COLUMNS, "{}")) as writer:
-        roll_out(Told(scene, frames), scene, writer)
-    return animated(path, scene, [path])
+        roll_out(Told(scene, frames, barrier), scene, writer)
+    return animated(path, scene, [path], barrier)
 
 
 def test_all_frames_of_the_file_are_counted_and_named(tmp_path):
@@ -126,6 +136,41 @@ def test_vertices_that_started_inside_the_body_are_told_also_when_continued(tmp_
         count, mean, most = (float(part) for part in line.replace(",", "").split() if part[0].isdigit())
         assert count == len(depths) > 0
         assert (mean, most) == pytest.approx((depths.mean(), depths.max()), abs=1.5)
+
+
+def test_what_crossed_at_the_start_and_after_is_told_also_when_continued(tmp_path):
+    """Untangled where it can be; frames that end as the first one are checked, and so is one that does not."""
+    scene = dented(frames=3)
+    straight, continued = (
+        said(tmp_path / str(stop), scene, [OK] * 3, stop, ipc().beside(scene)[0][0]) for stop in (None, 2)
+    )
+    assert straight.splitlines()[1:3] == continued.splitlines()[1:3]
+    assert re.search(
+        r"\n(\d+) pairs of faces cross at the start, the first near \(.*\); \1 untangled, the cloth moved by at most "
+        r"[\d.]+ mm\nno faces cross at the end of any of the 3 frames\n", straight
+    )  # fmt: skip
+    assert "inside the body at the start" not in straight
+    assert "faces cross" not in said(tmp_path / "without", scene, [OK] * 3)
+
+
+def test_crossings_that_stay_are_told(tmp_path):
+    """Of pinned cloth."""
+    scene = dented(frames=2)
+    scene = replace(scene, pins=Pins.fixed(np.arange(1, len(scene.initial.x)), scene.initial.x))
+    words = said(tmp_path, scene, [OK] * 2, barrier=ipc().beside(scene)[0][0])
+    assert re.search(r"\n(\d+) pairs of faces cross at the start, .*; 0 untangled, .* 0 mm; \1 remain, and stay", words)
+    assert "2 of 2 frames (1-2) end with crossing faces" in words
+
+
+def test_cloth_moved_out_of_a_body_is_told_apart_from_cloth_untangled(tmp_path):
+    """The sheet is cut in two by a sphere: the vertices in it are moved out, what then crosses is untangled."""
+    ball = trimesh.creation.icosphere(2, 0.3)
+    scene = scene_of(1, obstacle=Obstacle(ball.faces, (ball.vertices + [0.02, 0.0, -0.1])[None]))
+    plain = said(tmp_path / "plain", scene, [OK])
+    words = said(tmp_path / "ipc", scene, [OK], barrier=ipc().beside(scene)[0][0])
+    line = next(line for line in plain.splitlines() if "inside the body at the start" in line)
+    assert line in words
+    assert "no faces cross at the end of any of the 1 frames" in words
 
 
 @pytest.mark.parametrize(

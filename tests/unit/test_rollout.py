@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import drape
+from drape.contact.nearest_faces import NearestFaces
 from drape.data.animation_hdf5 import AnimationFile, AnimationHeader
 from drape.data.animation_writer import AnimationWriter
 from drape.energy.baked_file import read_baked
@@ -19,10 +20,11 @@ from drape.energy.incremental_potential import IncrementalPotential
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
+from drape.scene.state import State
 from drape.simulators import minimise
 from drape.simulators.implicit import ImplicitSolver
 from drape.simulators.rollout import COLUMNS, frames, roll_out
-from tests.unit.test_implicit import NO_ATTRIBUTES, ground, run, scene_of
+from tests.unit.test_implicit import NO_ATTRIBUTES, ground, run, scene_of, solver_of
 
 
 def halved(positions: np.ndarray) -> np.ndarray:
@@ -56,6 +58,21 @@ def test_steps_in_a_frame_are_those_of_a_scene_with_more_frames():
         assert result.iterations == sum(each.iterations for each in pair)
         assert result.residual == pytest.approx(max(each.residual for each in pair), rel=1e-3)
         assert result.outcome is max(pair, key=lambda each: each.residual).outcome
+
+
+def test_a_step_that_starts_where_the_one_before_ended_searches_once(monkeypatch):
+    """Nearest faces at its end; those at its start are known. Another start is searched for."""
+    searches, find = [], NearestFaces.find
+    monkeypatch.setattr(NearestFaces, "find", lambda *args: searches.append(0) or find(*args))
+    scene = moving_scene()
+    solver, state, taken = solver_of(scene), scene.initial, []
+    for frame in range(5):
+        before = len(searches)
+        state = solver.step(state, frame).state
+        taken.append(len(searches) - before)
+    assert taken == [2, 1, 1, 1, 1]
+    solver.step(State(state.x + 1e-3, state.v), 5)
+    assert len(searches) == 6 + 2
 
 
 TABLE = Path(drape.__file__).parent / "checkpoints" / "eunet_stable_silk.npz"
