@@ -123,6 +123,20 @@ def test_explain_lists_what_the_scene_requires_and_why(animate, tmp_path):
     assert "friction" not in animate("scene=sphere", *SMALL["sphere"], "scene.friction=null", "explain=true").out
 
 
+def test_a_cloth_too_coarse_for_its_body_is_told_before_anything_is_made(animate):
+    """The scenes as they come are fine enough, also with vertices alone."""
+    done = animate("scene=sphere", "scene.resolution=6", "explain=true")
+    assert re.match(r"contact: points of the cloth .* skin will show through\. Take .* contact\.per_edge=3 ", done.out)
+    for contact in ("surface", "paper"):
+        assert "skin" not in animate("scene=sphere", f"contact={contact}", "explain=true").out
+
+
+def test_frames_without_crossings_are_checked_for_them(animate):
+    done = animate("scene=sphere", *SMALL["sphere"], "contact=ipc", "scene.frames=2", "output.render=none")
+    assert done.code == 0, done.err
+    assert "no faces cross at the end of any of the 2 frames" in done.out
+
+
 def test_the_help_has_commands_that_exist(animate):
     done = animate("--help")
     assert done.code == 0
