@@ -53,8 +53,8 @@ class Contact(EnergyTerm):
         super().__init__()
         if not (0 < stiffness < math.inf and 0 < thickness <= reach < math.inf):
             raise DrapeError(
-                f"energy term contact: stiffness {stiffness}, thickness {thickness} m, reach {reach} m; expected finite "
-                "numbers with stiffness > 0 and 0 < thickness <= reach"
+                f"energy term contact: stiffness {stiffness}, thickness {thickness} m, reach {reach} m; expected "
+                "finite numbers with stiffness > 0 and 0 < thickness <= reach"
             )
         self.stiffness, self.thickness, self.reach = stiffness, thickness, reach
 
@@ -169,8 +169,8 @@ class SurfaceContact(Contact):
         super().__init__(stiffness, thickness, reach)
         if per_edge < 0 or per_face not in (0, 1, 3):
             raise DrapeError(
-                f"energy term contact: found per_edge {per_edge}, per_face {per_face}; expected a number of points from "
-                "0 on inside each edge, and 0, 1 or 3 inside each face"
+                f"energy term contact: found per_edge {per_edge}, per_face {per_face}; expected a number of points "
+                "from 0 on inside each edge, and 0, 1 or 3 inside each face"
             )
         self.per_edge, self.per_face = per_edge, per_face
 

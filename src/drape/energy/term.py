@@ -55,7 +55,7 @@ class EnergyTerm(nn.Module, ABC):
         return None
 
     def loose_hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array | None:
-        """A part of the Hessian whose entries stand elsewhere each time, as :meth:`rough_hessian`; None: there is none."""
+        """A part of the Hessian with entries elsewhere each time, as :meth:`rough_hessian`; None where none is."""
         return None
 
     def rough_hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> sparse.csr_array:
