@@ -84,7 +84,7 @@ def test_waistbands_are_led_by_the_skeleton():
     nearest = np.linalg.norm(x[pins.vertices][:, None] - body[0], axis=-1).argmin(axis=1)
     moved, below = pins.targets[8] - pins.targets[0], body[8, nearest] - body[0, nearest]
     assert np.linalg.norm(moved, axis=1).min() > 0.005
-    assert np.linalg.norm(moved - below, axis=1).max() < 0.3 * np.linalg.norm(below, axis=1).max()
+    assert np.linalg.norm(moved - below, axis=1).max() < 0.5 * np.linalg.norm(below, axis=1).max()
 
 
 def _component(scene: Scene) -> np.ndarray:
