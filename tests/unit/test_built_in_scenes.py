@@ -38,7 +38,7 @@ def built(scene: str, *overrides: str, fabric: str = "silk") -> Scene:
 
 
 def test_every_scene_is_tried_here():
-    others = {"custom", "held_out", "extreme", "garment"}
+    others = {"custom", "held_out", "extreme", "garment", "dressed"}
     assert {path.stem for path in (CONF / "scene").glob("*.yaml")} == {*SELF_CONTAINED, *others}
 
 

@@ -32,16 +32,26 @@ def make_motion(
     Raises:
         DrapeError: an unknown motion, no frames, a rate that is not positive.
     """
-    if name not in _MAKERS:
-        near = difflib.get_close_matches(name, MOTIONS, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"choose one of {', '.join(MOTIONS)}"
-        raise DrapeError(f"motion: there is no {name!r}; expected one of {', '.join(MOTIONS)}; {hint}")
+    known_motion(name)
     if frames < 1 or not fps > 0:
         raise DrapeError(f"motion {name!r}: {frames} frames at {fps}/s; expected 1 or more and a rate above 0")
     pose: Pose = _MAKERS[name](_own_time(np.arange(frames) / fps), rng)
     scale = figure.shape.height / REFERENCE_HEIGHT
     transforms = forward_kinematics(figure.joints, pose.rotations(), np.zeros((frames, 3)))
     return stand(transforms, figure, fps, np.broadcast_to(pose.flight * scale, frames))
+
+
+def known_motion(name: str) -> str:
+    """``name`` itself.
+
+    Raises:
+        DrapeError: it is none of :data:`MOTIONS`.
+    """
+    if name not in _MAKERS:
+        near = difflib.get_close_matches(name, MOTIONS, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"choose one of {', '.join(MOTIONS)}"
+        raise DrapeError(f"motion: there is no {name!r}; expected one of {', '.join(MOTIONS)}; {hint}")
+    return name
 
 
 def _own_time(time: Float[np.ndarray, " frames"]) -> Float[np.ndarray, " frames"]:

@@ -24,6 +24,18 @@ def vertex_masses(mesh: ClothMesh, mass: Mapping[str, float | None]) -> Float[np
     Raises:
         DrapeError: no rule, both, an unknown one, or a value that is not a positive number.
     """
+    rule, value = mass_rule(mass)
+    if rule == "per_vertex":
+        return np.full(mesh.num_vertices, value)
+    return value * vertex_areas(mesh)
+
+
+def mass_rule(mass: Mapping[str, float | None]) -> tuple[str, float]:
+    """The one rule of ``mass`` and its value: see :func:`vertex_masses`.
+
+    Raises:
+        DrapeError: no rule, both, an unknown one, or a value that is not a positive number.
+    """
     chosen = {rule: value for rule, value in mass.items() if value is not None}
     if len(chosen) != 1 or set(mass) - set(RULES):
         raise DrapeError(
@@ -33,9 +45,7 @@ def vertex_masses(mesh: ClothMesh, mass: Mapping[str, float | None]) -> Float[np
     rule, value = next(iter(chosen.items()))
     if not math.isfinite(value) or value <= 0:
         raise DrapeError(f"scene.mass.{rule}: found {value}; expected a positive number")
-    if rule == "per_vertex":
-        return np.full(mesh.num_vertices, float(value))
-    return float(value) * vertex_areas(mesh)
+    return rule, float(value)
 
 
 def vertex_areas(mesh: ClothMesh) -> Float[np.ndarray, " vertices"]:
