@@ -7,10 +7,22 @@ import time
 import pytest
 import torch
 
+from drape.contact.nearest_faces import NearestFaces
 from drape.energy.bending import Bending
 from drape.energy.stvk import StVK
 from drape.scene.grid import square_grid
+from drape.simulators.term_costs import search_seconds
 from tests.terms import make_step
+
+
+def test_the_search_that_is_timed_is_made(monkeypatch):
+    """Also for a step that has been told its nearest faces."""
+    step, _ = make_step(square_grid(1.0, 5))
+    step = step.with_near(step.near)
+    searches, find = [], NearestFaces.find
+    monkeypatch.setattr(NearestFaces, "find", lambda *args: searches.append(0) or find(*args))
+    assert search_seconds(step) > 0.0
+    assert len(searches) == 1
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
