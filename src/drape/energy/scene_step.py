@@ -103,6 +103,10 @@ class SceneSteps:
             self._searched = time, np.array(x), near.to(self.dtype)
         return self._searched[2]
 
+    def body(self, time: float) -> Float[np.ndarray, "body_vertices 3"] | None:
+        """Where the body is at a time in frames [m]."""
+        return None if self.scene.obstacle is None else _between(self.scene.obstacle, time)
+
     def pinned(self, x: Float[Tensor, "vertices 3"], state: State, stop: float) -> Float[Tensor, "vertices 3"]:
         """Positions ``x`` of a step from ``state`` with the pinned vertices where they are at time ``stop``."""
         if self.scene.pins is None:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-try:  # pip install "drape[fast]": several times faster, for x86 processors
+try:  # there is none for other processors than x86; several times faster
     from pypardiso import PyPardisoSolver
     from pypardiso.pardiso_wrapper import PyPardisoError
 except ImportError:

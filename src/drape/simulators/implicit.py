@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.contact.untangle import untangle
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.scene_step import SceneSteps
 from drape.energy.step import Step
@@ -34,6 +35,8 @@ CUTS = 20
 """Parts into which a time step is cut where no start of it can be reached without a crossing."""
 LEAST_SHARE = 1e-3
 """Of the rest of a time step: below it nothing is gained by a further cut."""
+MOVES = 30
+"""Of cloth that has to cross, at most, to untangle it."""
 ROUNDS = 3
 """How often contact is looked for again at the end of a step that left vertices inside the body."""
 
@@ -134,7 +137,7 @@ class ImplicitSolver:
             return self._minimised(state, step, free, stop)
         share, place = max(zip(shares, places, strict=True), key=lambda pair: pair[0])
         if cuts == CUTS or share < LEAST_SHARE:
-            return StepResult(self._led(state, stop), Outcome.BLOCKED, len(places), float("nan"))
+            return self._crossing(state, step, places, stop)
         between = start + SHORT_OF * share * (stop - start)
         part = self.steps.step(state, start, between)
         place = self.steps.pinned(step.x + SHORT_OF * share * (place - step.x), state, between)
@@ -143,6 +146,20 @@ class ImplicitSolver:
             return first
         second = self._advance(first.state, between, stop, cuts + 1)
         return _worst([first, second])
+
+    def _crossing(self, state: State, step: Step, starts: list[Tensor], stop: float) -> StepResult:
+        """The step without the barrier, and what crosses then untangled as far as that can be."""
+        kept = IncrementalPotential([term for term in self.potential.terms if term is not self.barrier])
+        whole, self._minimiser = self._minimiser, Minimiser(kept, self.steps.free)
+        result = self._minimised(state, step, starts, stop)
+        self._minimiser = whole
+        pinned = ~self.steps.free.cpu().numpy()
+        body = self.steps.body(stop)
+        self.barrier.collisions.forget()
+        x, left = untangle(self.barrier.collisions, result.state.x, body, held=pinned, moves=MOVES)
+        self.barrier.collisions.forget()
+        after = State(x, (x - state.x) / step.dt)
+        return replace(result, state=after, outcome=Outcome.BLOCKED if len(left.pairs) else result.outcome)
 
     def _minimised(self, state: State, step: Step, starts: list[Tensor], stop: float) -> StepResult:
         self._minimiser.begin()
@@ -166,13 +183,6 @@ class ImplicitSolver:
             after = without_gain(state, after, released, self.steps.scene.mass, free, rounding)
         return StepResult(after, outcome, used, residual, found.terms)
 
-    def _led(self, state: State, stop: float) -> State:
-        """At rest where it is, but for pinned vertices."""
-        x = np.array(state.x)
-        if self.steps.scene.pins is not None:
-            x[self.steps.scene.pins.vertices] = self.steps.pin_targets(stop)
-        return State.at_rest(x)
-
     def _positions(self, x: Tensor, step: Step, state: State, stop: float) -> Float[np.ndarray, "vertices 3"]:
         """``x`` of a step in the world, in float64, pinned vertices exactly where they are led [m]."""
         positions = state.x + (x - step.x).double().cpu().numpy()
@@ -183,6 +193,6 @@ class ImplicitSolver:
 
 def _worst(taken: Sequence[StepResult]) -> StepResult:
     """Time steps as one: it ends as the last, as well as the one whose forces are least balanced."""
-    worst = max(taken, key=lambda each: np.nan_to_num(each.residual, nan=np.inf))
+    worst = max(taken, key=lambda each: (each.outcome is Outcome.BLOCKED, np.nan_to_num(each.residual, nan=np.inf)))
     iterations = sum(each.iterations for each in taken)
     return replace(taken[-1], outcome=worst.outcome, residual=worst.residual, iterations=iterations)

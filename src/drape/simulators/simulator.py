@@ -31,8 +31,8 @@ class Outcome(Enum):
         "that it was trained on: train longer, or use simulator=implicit"
     )
     BLOCKED = (
-        "the body leaves the cloth no way on that crosses nothing; the cloth stays where it is. Look for a body that "
-        "passes through itself, or take contact=surface"
+        "found no way on that crosses nothing, and end with crossing faces. Look for a body that passes through itself "
+        "or moves very fast, raise simulator.steps or simulator.iterations, or take contact=surface"
     )
 
 
