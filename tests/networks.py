@@ -12,7 +12,7 @@ from drape.simulators.neural.graph_acceleration import GraphAcceleration
 
 SCHEDULES = {"mgn": (flat_schedule(3), 0), "mgn_h": (hood_schedule(1), 2)}
 NUMBERS = {"speed": 2.0, "acceleration": 7.0, "edge_length": 0.1, "mass": 0.2}
-NUMBERS |= {"search_range": 0.1, "reach": 0.04, "thickness": 0.02}
+NUMBERS |= {"reach": 0.04, "thickness": 0.02}
 
 
 def untrained(kind: str = "mgn", **changes: float) -> GraphAcceleration:

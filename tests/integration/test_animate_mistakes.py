@@ -178,7 +178,7 @@ def test_recorded_data_with_a_hole(animate, tmp_path, data):
         (["simulator.tolerance=nan"], r"simulator\.tolerance: found nan; expected newtons, more than 0"),
         (["simulator.device=tpu"], r"simulator\.device: found 'tpu'; .*use simulator\.device=cpu"),
         (["simulator.precision=float16"], "expected float32 or float64"),
-        (["contact.thickness=1.0"], "thickness <= search_range"),
+        (["contact.thickness=1.0"], "thickness <= reach"),
         (["output.render=cycle"], r"output\.render: found 'cycle' .*'preview', 'cycles', 'none'"),
         (["output.formats=obj"], r"output\.formats: found 'obj' \(str\); Output expects list"),
         (["output.formats=[fbx]"], "found fbx; expected some of obj, npz, abc, usd, glb"),

@@ -24,7 +24,7 @@ from drape.data.garment_writer import GarmentHeader, StoredBody, StoredGarmentSe
 from tests import garments
 from tests.integration.conftest import ROOT, Run, program
 
-QUICK = ("simulator.iterations=3", "frames=2", "contact.search_range=0.1")
+QUICK = ("simulator.iterations=3", "frames=2", "contact.reach=0.1")
 
 
 @pytest.fixture(scope="module")

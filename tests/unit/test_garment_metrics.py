@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from drape.contact.penetration import depth_inside
+from drape.contact.penetration import distances
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
 from drape.errors import DrapeError
@@ -19,6 +19,7 @@ from drape.metrics.garment_metric import GarmentMetric
 from drape.metrics.garment_scores import SCORES, AnimatedGarment, frame_scores, sequence_scores
 from drape.metrics.self_intersection import self_intersecting
 from drape.scene.grid import square_grid
+from drape.scene.obstacle import Obstacle
 from tests import garments
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.3)
@@ -41,7 +42,8 @@ def test_normals_of_a_ball_point_outwards():
 def test_a_vertex_inside_a_ball_counts_and_one_outside_does_not():
     x = np.array([[0.0, 0.0, 0.25], [0.0, 0.31, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     np.testing.assert_array_equal(behind_nearest_vertex(x, POINTS, FACES), [True, False, True, False])
-    np.testing.assert_allclose(depth_inside(x, FACES, POINTS, 0.5), [0.05, 0.0, 0.3, 0.0], atol=3e-3)
+    ball = Obstacle(FACES, POINTS[None])
+    np.testing.assert_allclose(np.maximum(-distances(x, ball, 0), 0.0), [0.05, 0.0, 0.3, 0.0], atol=3e-3)
 
 
 def test_the_paper_does_not_count_what_is_far_away():
@@ -55,7 +57,7 @@ def test_the_side_of_a_sharp_edge_is_told_by_all_its_faces():
     """Above the edge of a wedge the nearest face alone would say inside for a vertex that is outside."""
     box = trimesh.creation.box(extents=[1.0, 1.0, 0.01])
     x = np.array([[0.502, 0.0, 0.0], [0.498, 0.0, 0.0], [0.0, 0.0, 0.006], [0.0, 0.0, 0.004]])
-    inside = depth_inside(x, np.array(box.faces), np.array(box.vertices), 0.5) > 0
+    inside = distances(x, Obstacle(np.array(box.faces), np.array(box.vertices)[None]), 0) < 0
     np.testing.assert_array_equal(inside, [False, True, False, True])
 
 

@@ -47,9 +47,9 @@ def over_floor(heights: list[float]) -> Step:
     return replace(step, x=x, free=torch.ones_like(step.free), obstacle=body)
 
 
-def goes_with(inner: nn.Module, share: float, search_range: float = 0.1) -> KinematicPrior:
+def goes_with(inner: nn.Module, share: float, reach: float = 0.1) -> KinematicPrior:
     """Without :func:`nearer_to_rest`."""
-    return KinematicPrior(inner, share, 0, search_range)
+    return KinematicPrior(inner, share, 0, reach)
 
 
 def network() -> KinematicPrior:
@@ -79,8 +79,8 @@ def test_inside_the_body_the_share_does_not_grow():
     torch.testing.assert_close(found, 0.8 * (VELOCITY - step.v) / step.dt)
 
 
-def test_beyond_the_search_range_nothing_is_felt():
-    """Of heights on both sides of the range, those beyond have exactly what the network says."""
+def test_beyond_the_reach_nothing_is_felt():
+    """Of heights on both sides of the reach, those beyond have exactly what the network says."""
     step = over_floor([0.039, 0.041, 0.02, 0.3])
     found = goes_with(Constant(1.0), 1.0, 0.04)(step)
     assert torch.equal((found == 1.0).all(1), torch.tensor([False, True, False, True]))

@@ -11,21 +11,20 @@ import pytest
 import torch
 from torch import nn
 
+from drape.contact import mesh_distances, nearest_points
 from drape.contact.nearest_points import NearestPoints
-from drape.energy import mesh_distances
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
 from drape.nets.layers_transformer import LayersTransformer
 from drape.scene.grid import square_grid
 from drape.scene.mesh import ClothMesh
-from drape.simulators.neural import nearest_points
 from drape.simulators.neural.heading import Heading
 from drape.simulators.neural.layers_acceleration import LayersAcceleration
 from tests.terms import converted, make_step, moved, renumbered
 
 NET = partial(LayersTransformer, width=24, heads=4, layers=2)
 SIZES = {
-    "attributes": 5, "search_range": 0.1, "speed": 1.0, "acceleration": 10.0, "edge_length": 0.14, "mass": 0.2,
+    "attributes": 5, "felt_reach": 0.1, "speed": 1.0, "acceleration": 10.0, "edge_length": 0.14, "mass": 0.2,
     "patch_size": 0.25, "patch_reach": 0.6, "world_neighbours": 5, "body_neighbours": 3,
 }  # fmt: skip
 
@@ -126,7 +125,7 @@ def test_the_body_matters_to_patches_and_to_vertices(step, name):
     body = step.obstacle
     shift = torch.tensor([0.0, 0.0, 0.01], dtype=torch.float64)
     pushed = replace(step, obstacle=replace(body, **{name: getattr(body, name) - shift}))
-    for changes in ({"search_range": 1e-6}, {"body_reach": 1e-6}):
+    for changes in ({"felt_reach": 1e-6}, {"body_reach": 1e-6}):
         found = network(**changes)
         assert (found(pushed) - found(step)).abs().max() > 1e-5
 

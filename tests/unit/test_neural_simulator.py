@@ -184,16 +184,16 @@ def test_position_counts_in_units_of_the_acceleration(data):
 def test_collision_counts_the_depth_below_the_thickness(data):
     """At the place of the body's nearest points moved outwards by a third of the thickness: (2/3)²."""
     prediction = predicted(data, lambda rollout, step: rollout.x[2])
-    near = prediction.step.nearest_faces(0.2)
-    assert len(near.vertices) > 10
+    near = prediction.step.near_vertices(0.2)
+    assert len(near.points) > 10
     x = prediction.x_next.clone()
-    x[near.vertices] = near.end.point + 1e-3 * near.end.normal
+    x[near.points] = near.end.point + 1e-3 * near.end.normal
     assert float(Collision(1.0, 3e-3, 0.2)(replace(prediction, x_next=x))["collision"]) == pytest.approx(4 / 9)
     assert float(Collision(1.0, 1e-3 - 1e-9, 0.2)(replace(prediction, x_next=x))["collision"]) == 0.0
 
 
 def potential(**changes) -> Potential:
-    values = {"weight": 1.0, "stiffness": 100.0, "thickness": 5e-3, "search_range": 0.2, "ramp": (0.1, 0.2, 0.6)}
+    values = {"weight": 1.0, "stiffness": 100.0, "thickness": 5e-3, "reach": 0.2, "ramp": (0.1, 0.2, 0.6)}
     return Potential(**(values | {"friction": None} | changes))
 
 

@@ -19,7 +19,7 @@ from drape.scene.disc import disc
 from drape.scene.grid import square_grid
 from tests.terms import law, make_step
 
-CONTACT = {"stiffness": 2e4, "thickness": 2e-3, "search_range": 0.05, "ramp": (1.0, 0.0, 0.0), "friction": None}
+CONTACT = {"stiffness": 2e4, "thickness": 2e-3, "reach": 0.05, "ramp": (1.0, 0.0, 0.0), "friction": None}
 
 
 class Tethers(EnergyTerm):
