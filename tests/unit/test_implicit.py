@@ -9,6 +9,7 @@ import pytest
 import torch
 from scipy import optimize
 
+from drape.contact.nearest_faces import NearestFaces
 from drape.energy.bending import Bending
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.mass_spring import MassSpringLaw
@@ -194,9 +195,7 @@ def test_only_what_the_scene_requires():
 
 
 def test_without_a_body_nothing_is_searched(monkeypatch):
-    from drape.energy import nearest_faces
-
-    monkeypatch.setattr(nearest_faces.NearestFaces, "find", lambda *_: pytest.fail("nearest faces were searched"))
+    monkeypatch.setattr(NearestFaces, "find", lambda *_: pytest.fail("nearest faces were searched"))
     run(scene_of(), 2)
 
 

@@ -152,7 +152,7 @@ def test_share_zero_and_no_obstacle_are_the_network_alone():
     step = over_floor([0.0, 0.01, 0.02, 0.03])
     alone = replace(step, obstacle=None)
     assert torch.equal(goes_with(Constant(1.0), 0.0)(step), Constant(1.0)(step))
-    assert step._nearest_faces == {}
+    assert "near" not in vars(step)
     assert torch.equal(goes_with(Constant(1.0), 1.0)(alone), Constant(1.0)(alone))
 
 

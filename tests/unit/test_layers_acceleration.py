@@ -12,6 +12,7 @@ import torch
 from torch import nn
 
 from drape.contact import mesh_distances, nearest_points
+from drape.contact.nearest_faces import NearestFaces
 from drape.contact.nearest_points import NearestPoints
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
@@ -104,10 +105,7 @@ def test_nothing_is_searched_without_obstacle(step, monkeypatch):
     far = replace(step, obstacle=replace(body, x=body.x + 50.0, x_next=body.x_next + 50.0))
     expected = found(far)
 
-    def search(*_):
-        raise AssertionError("searched")
-
-    monkeypatch.setattr(Step, "nearest_faces", search)
+    monkeypatch.setattr(NearestFaces, "find", lambda *_: pytest.fail("searched"))
     torch.testing.assert_close(found(alone), expected)
 
 

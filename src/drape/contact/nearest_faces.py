@@ -16,6 +16,8 @@ from drape.scene.triangles import closest_on_triangles
 
 TIE = 1e-7
 """Faces count as equally near where distances differ by less than this share of the size of a face."""
+DEPTH = 0.2
+"""What is farther behind a face than this, and than is asked for, is not inside a body but behind a surface [m]."""
 FLAT = 1e-9
 """A face of the body whose double area is below this share of its squared size has no side and is left out."""
 
@@ -86,8 +88,8 @@ class NearestFaces:
         return replace(self, **changed, end=Frame(*(part.to(dtype) for part in self.end)))
 
     def within(self, reach: float, first: int | None = None) -> NearestFaces:
-        """Those at most ``reach`` [m] from the body or inside it; of the ``first`` so many rows only."""
-        chosen = self.distance <= reach
+        """Those at most ``reach`` [m] from the body, or inside it; of the ``first`` so many rows only."""
+        chosen = (self.distance <= reach) & (self.distance >= -max(reach, DEPTH))
         if first is not None:
             chosen &= self.points < first
         return self.chosen(chosen.nonzero()[:, 0])

@@ -53,11 +53,11 @@ class Penetration:
 def distances(
     points: Float[np.ndarray, "points 3"], obstacle: Obstacle, frame: int
 ) -> Float[np.ndarray, " points"]:
-    """Signed distance of each point from the body of a frame [m]; negative inside."""
+    """Signed distance of points from the body of a frame [m]; negative inside, infinite far behind open surfaces."""
     found = np.full(len(points), np.inf)
     near = _near(points, obstacle, frame)
     found[near.points.numpy()] = near.distance.numpy()
-    return found
+    return np.where(found < -_deepest(obstacle, frame), np.inf, found)
 
 
 def push_out(
@@ -66,14 +66,19 @@ def push_out(
     """Vertices inside the body of frame 0 moved to ``clearance`` [m] outside of the face nearest to them.
 
     The first frame of a garment that was fitted to another pose (FACTS 2.5): without it, contact would shoot out what
-    is deep inside. Closed bodies only.
+    is deep inside. Closed bodies only; what is far behind an open surface stays where it is.
     """
     near = _near(x, obstacle, 0)
-    inside = (near.distance < 0).numpy()
+    inside = ((near.distance < 0) & (near.distance >= -_deepest(obstacle, 0))).numpy()
     vertices = near.points.numpy()[inside]
     moved = x.copy()
     moved[vertices] = (near.end.point + clearance * near.end.normal).numpy()[inside]
     return moved
+
+
+def _deepest(obstacle: Obstacle, frame: int) -> float:
+    """How far inside a body a point can be [m]: half its largest extent."""
+    return 0.5 * float(np.ptp(obstacle.at(frame), axis=0).max())
 
 
 def _near(points: np.ndarray, obstacle: Obstacle, frame: int) -> NearestFaces:

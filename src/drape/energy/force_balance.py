@@ -99,7 +99,7 @@ def feels_contact(x_next: Float[Tensor, "vertices 3"], step: Step) -> Bool[Tenso
     body, mesh = step.obstacle, step.mesh
     for x, place in ((step.x, body.x), (x_next, body.x_next)):
         near = NearestFaces.find(x, mesh.mesh_of_vertex, body.faces, body.mesh_of_face, place, place)
-        touched[near.within(CLEARANCE).points] = True
+        touched[near.points[near.distance.abs() <= CLEARANCE]] = True
         tree = cKDTree(torch.cat([x, APART * mesh.mesh_of_vertex[:, None].to(x.dtype)], -1).cpu().numpy())
         first, second = torch.from_numpy(tree.query_pairs(CLEARANCE, output_type="ndarray")).to(x.device).T
         at_rest = (mesh.rest_positions[first] - mesh.rest_positions[second]).norm(dim=-1)
