@@ -86,7 +86,7 @@ def test_sequences_are_chosen_by_split_kind_and_number(file):
     ("overrides", "name"),
     [
         ([], "implicit_phys"),
-        (["simulator.iterations=200"], "implicit_phys"),
+        (["simulator.iterations=300"], "implicit_phys"),
         (["simulator.iterations=10"], "implicit_phys_10"),
         (["simulator.steps=2"], "implicit_phys_x2"),
         (["simulator.steps=4", "simulator.iterations=20"], "implicit_phys_20_x4"),

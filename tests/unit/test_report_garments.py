@@ -139,11 +139,11 @@ def test_solvers_are_named_by_their_energies_unless_the_user_has_named_them():
 @pytest.mark.parametrize(
     ("name", "settings", "label"),
     [
-        ("implicit_phys", {"iterations": 200, "steps": 1}, "solver + PHYS"),
+        ("implicit_phys", {"iterations": 300, "steps": 1}, "solver + PHYS"),
         ("implicit_phys_10", {"iterations": 10, "steps": 1}, "solver + PHYS, 10 evaluations"),
         ("implicit_phys", {"iterations": 40}, "solver + PHYS, 40 evaluations"),
         ("implicit_phys_10_x4", {"iterations": 10, "steps": 4}, "solver + PHYS, 10 evaluations, 4 steps a frame"),
-        ("implicit_phys_x2", {"iterations": 200, "steps": 2}, "solver + PHYS, 2 steps a frame"),
+        ("implicit_phys_x2", {"iterations": 300, "steps": 2}, "solver + PHYS, 2 steps a frame"),
         ("mine_10", {"iterations": 10}, "mine_10"),
     ],
 )

@@ -78,7 +78,7 @@ class ImplicitSolver:
         scene: Scene,
         attributes: Float[Tensor, " attributes"],
         tolerance: float | None = None,
-        iterations: int = 200,
+        iterations: int = 300,
         steps: int = 1,
         precision: str = "float64",
         factors: str = "float64",

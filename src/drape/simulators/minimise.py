@@ -20,7 +20,7 @@ REFRESH = 4
 """Iterations after which the Hessian is factorised anew, unless they have brought the residual down to ``SLOW``."""
 SLOW = 0.1
 """Share of the residual that they leave where the factors are good enough."""
-PATIENCE = 60
+PATIENCE = 45
 """Evaluations of a call after which the rough Hessian is given up for the good one until :meth:`Minimiser.begin`."""
 STALLED = 12
 """Evaluations without a gain beyond rounding, and without half the residual, after which nothing more is expected."""
