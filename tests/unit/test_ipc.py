@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from drape.energy.bending import Bending
 from drape.energy.contact import Contact, SurfaceContact
@@ -23,7 +24,7 @@ from drape.scene.scene import Scene
 from drape.scene.state import State
 from drape.simulators.implicit import ImplicitSolver
 from drape.simulators.rollout import first_frame
-from drape.simulators.simulator import StepResult
+from drape.simulators.simulator import Outcome, StepResult
 from tests.unit.test_contact_motion import falling
 from tests.unit.test_implicit import GRAVITY, NO_ATTRIBUTES, SILK, ground
 
@@ -263,3 +264,22 @@ def test_cloth_that_crosses_a_body_at_the_start_is_moved_out():
     assert len(barrier.collisions.crossings(pushed, body.at(0)).pairs) > 0
     start = first_frame(scene, barrier)
     assert len(barrier.collisions.crossings(start.x, body.at(0)).pairs) == 0
+
+
+def test_where_a_body_leaves_no_room_cloth_goes_on_and_says_so():
+    """Two blocks close on a sheet and pass through each other: what crosses then is told, and nothing breaks."""
+    below = trimesh.creation.box((0.6, 0.6, 0.1))
+    below.apply_translation([0.0, 0.0, -0.06])
+    faces = np.array(below.faces)
+    count, start = len(below.vertices), np.array(below.vertices)
+    heights = [0.12, 0.11, 0.05, 0.05]
+    bodies = np.stack([np.concatenate([start, start + [0.0, 0.0, height]]) for height in heights])
+    sheet = square_grid(0.3, 5)
+    scene = Scene(
+        "pressed", sheet, State.at_rest(np.array(sheet.rest_positions, np.float64)), SILK, np.full(25, 1e-3),
+        np.zeros(3), dt=1 / 30, frames=3, obstacle=Obstacle(np.concatenate([faces, faces + count]), bodies),
+    )  # fmt: skip
+    results = run(scene, ipc(), iterations=30)
+    assert all(np.isfinite(result.state.x).all() for result in results)
+    assert [n > 0 for n in crossings(scene, results)] == [r.outcome is Outcome.BLOCKED for r in results]
+    assert results[-1].outcome is Outcome.BLOCKED

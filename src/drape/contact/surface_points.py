@@ -12,8 +12,6 @@ from torch import Tensor
 
 from drape.scene.mesh_batch import MeshBatch
 
-warnings.filterwarnings("ignore", "Sparse CSR tensor support is in beta")  # ten times as fast as the other layout
-
 
 class Kind(NamedTuple):
     """The points of all vertices, of all edges, or of all faces."""
@@ -81,7 +79,9 @@ class ChosenPoints:
         used = (weights != 0).reshape(-1)
         entries = place[:, used], weights.reshape(-1)[used], (len(points), num_vertices)
         matrix = torch.sparse_coo_tensor(*entries, check_invariants=False).coalesce()
-        self._to_points, self._to_vertices = matrix.to_sparse_csr(), matrix.T.coalesce().to_sparse_csr()
+        with warnings.catch_warnings():  # this layout is in beta, and ten times as fast as the other
+            warnings.simplefilter("ignore", UserWarning)
+            self._to_points, self._to_vertices = matrix.to_sparse_csr(), matrix.T.coalesce().to_sparse_csr()
 
     def at(self, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "chosen 3"]:
         """Where the points are when the vertices are at ``x`` [m]."""

@@ -122,7 +122,8 @@ class ImplicitSolver:
             state = taken[-1].state
             if taken[-1].outcome is Outcome.NOT_FINITE:
                 break
-        return replace(_worst(taken), steps=count)
+        result = replace(_worst(taken), steps=count)
+        return result if self.barrier is None else self._untangled(result, frame + 1.0)
 
     def _advance(self, state: State, start: float, stop: float, cuts: int = 0) -> StepResult:
         step = self.steps.step(state, start, stop)
@@ -148,17 +149,20 @@ class ImplicitSolver:
         return _worst([first, second])
 
     def _crossing(self, state: State, step: Step, starts: list[Tensor], stop: float) -> StepResult:
-        """The step without the barrier, and what crosses then untangled as far as that can be."""
+        """The step without the barrier."""
         kept = IncrementalPotential([term for term in self.potential.terms if term is not self.barrier])
         whole, self._minimiser = self._minimiser, Minimiser(kept, self.steps.free)
         result = self._minimised(state, step, starts, stop)
         self._minimiser = whole
+        return result
+
+    def _untangled(self, result: StepResult, stop: float) -> StepResult:
+        """A frame with what crosses all the same untangled as far as that can be; what was moved is stopped."""
+        before, collisions = result.state, self.barrier.collisions
         pinned = ~self.steps.free.cpu().numpy()
-        body = self.steps.body(stop)
-        self.barrier.collisions.forget()
-        x, left = untangle(self.barrier.collisions, result.state.x, body, held=pinned, moves=MOVES)
-        self.barrier.collisions.forget()
-        after = State(x, (x - state.x) / step.dt)
+        x, left = untangle(collisions, before.x, self.steps.body(stop), held=pinned, moves=MOVES)
+        moved = (x != before.x).any(axis=1, keepdims=True)
+        after = State(x, np.where(moved, 0.0, before.v)) if moved.any() else before
         return replace(result, state=after, outcome=Outcome.BLOCKED if len(left.pairs) else result.outcome)
 
     def _minimised(self, state: State, step: Step, starts: list[Tensor], stop: float) -> StepResult:
