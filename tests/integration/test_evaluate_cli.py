@@ -234,7 +234,7 @@ def test_baselines_do_not_animate_other_scenes(animate):
 
 def test_a_recorded_garment_is_a_scene_of_animate(animate, tmp_path, recordings):
     done = animate(
-        "scene=garment", f"scene.path={recordings}", "scene.sequence='00001'", "scene.frames=1", "contact=garment",
+        "scene=garment", f"scene.path={recordings}", "scene.sequence='00001'", "scene.frames=1",
         "simulator.iterations=3", "output.render=none",
     )  # fmt: skip
     assert done.code == 0, done.err
