@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from drape.blender.comparable import refuse_incomparable
 from drape.blender.presets import blender_version
 from drape.blender.process import BlenderProcess
-from drape.errors import DrapeError
 from drape.scene.scene import Scene
 
 
@@ -70,16 +70,10 @@ def check_comparable(scene: Scene) -> None:
     Raises:
         DrapeError: what is in it.
     """
-    reasons = {
-        "no body": scene.obstacle is None,
-        "an external force": scene.external_force is not None,
-        "pins": scene.pins is not None,
-        "vertices of different masses": float(np.ptp(scene.mass)) > 1e-9 * float(scene.mass.max()),
-        "a start in motion": bool(np.any(scene.initial.v)),
-    }
-    found = [reason for reason, applies in reasons.items() if applies]
-    if found:
-        raise DrapeError(
-            f"scene {scene.name}: found {', '.join(found)}; expected a cloth of equal masses without pins that starts "
-            "at rest on a body, to compare it with Blender's; change the scene"
-        )
+    refuse_incomparable(
+        scene,
+        ("no body", scene.obstacle is None),
+        ("pins", scene.pins is not None),
+        "a cloth of equal masses without pins that starts at rest on a body, to compare it with Blender's; change the "
+        "scene",
+    )

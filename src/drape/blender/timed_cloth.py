@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from drape.blender.comparable import refuse_incomparable
 from drape.blender.presets import blender_version
 from drape.blender.process import BlenderProcess
-from drape.errors import DrapeError
 from drape.scene.scene import Scene
 
 
@@ -66,16 +66,10 @@ def check_comparable(scene: Scene) -> None:
     Raises:
         DrapeError: what is in it.
     """
-    reasons = {
-        "a body": scene.obstacle is not None,
-        "an external force": scene.external_force is not None,
-        "pins that move": scene.pins is not None and not scene.pins.is_static,
-        "vertices of different masses": float(np.ptp(scene.mass)) > 1e-9 * float(scene.mass.max()),
-        "a start in motion": bool(np.any(scene.initial.v)),
-    }
-    found = [reason for reason, applies in reasons.items() if applies]
-    if found:
-        raise DrapeError(
-            f"scene {scene.name}: found {', '.join(found)}; expected a cloth of equal masses that starts at rest and "
-            "hangs under gravity, to compare it with Blender's; use scene=hanging with scene.mass.per_vertex"
-        )
+    refuse_incomparable(
+        scene,
+        ("a body", scene.obstacle is not None),
+        ("pins that move", scene.pins is not None and not scene.pins.is_static),
+        "a cloth of equal masses that starts at rest and hangs under gravity, to compare it with Blender's; use "
+        "scene=hanging with scene.mass.per_vertex",
+    )

@@ -103,8 +103,7 @@ class Collisions:
 
     def crossings(self, x: Cloth, body: Body = None) -> Crossings:
         """Faces that cross, cloth with cloth and cloth with body."""
-        found = [crossings(meeting.mesh, hits(meeting.mesh, points)) for meeting, points in self._meetings(x, body)]
-        return Crossings(*map(np.concatenate, zip(*found, strict=True)))
+        return crossings_of(self.hits(x, body))
 
     def hits(self, x: Cloth, body: Body = None) -> list[tuple[Meeting, Hits]]:
         """Edges that pass through faces, in the cloth and then with the body."""
@@ -123,3 +122,9 @@ class Collisions:
             raise DrapeError(f"contact: found {given} vertices of cloth and body, expected {expected} as at the start")
         cloth = np.array(x, np.float64, order="F")
         return [cloth] if body is None else [cloth, np.asfortranarray(np.concatenate([cloth, body]))]
+
+
+def crossings_of(found: list[tuple[Meeting, Hits]]) -> Crossings:
+    """Faces that cross where :meth:`Collisions.hits` has found edges that pass through faces."""
+    parts = [crossings(meeting.mesh, each) for meeting, each in found]
+    return Crossings(*map(np.concatenate, zip(*parts, strict=True)))

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import sparse
 
-from drape.contact.collisions import Body, Cloth, Collisions
+from drape.contact.collisions import Body, Cloth, Collisions, crossings_of
 from drape.contact.crossings import Crossings, Hits
 from drape.contact.meeting import Meeting
 
@@ -46,7 +46,7 @@ def untangle(
         found = collisions.hits(now, body)
         count = sum(len(each.edges) for _, each in found)
         if count < fewest:
-            best, fewest = now.copy(), count
+            best, fewest, remaining = now.copy(), count, found
         if not count:
             break
         move = sum(_moves(meeting, each, points, step)[: len(x)] for meeting, each, points in _placed(found, now, body))
@@ -54,7 +54,7 @@ def untangle(
         moved |= move.any(axis=1)
         now += move
         _keep_lengths(now, edges, lengths, moved & ~held)
-    return best, collisions.crossings(best, body)
+    return best, crossings_of(remaining)
 
 
 def _placed(found: list[tuple[Meeting, Hits]], x: Cloth, body: Body) -> list[tuple[Meeting, Hits, np.ndarray]]:

@@ -59,8 +59,8 @@ class Contact(EnergyTerm):
         self.stiffness, self.thickness, self.reach = stiffness, thickness, reach
 
     @abstractmethod
-    def point_stiffness(self, step: Step, near: NearestFaces) -> float | Float[Tensor, " near"]:
-        """K of each point [N/m²]."""
+    def point_stiffness(self, step: Step, points: ChosenPoints) -> Float[Tensor, " points"]:
+        """Stiffness k of each point [N/m²]."""
 
     def enlarged(self, times: float) -> Contact:
         """The same contact in a scene that is so many times its real size: lengths grow with it."""
