@@ -38,7 +38,7 @@ def main(config: DictConfig) -> None:
     simulator = simulator_of(config.simulator, potential, scene, fabric.attributes)
     contact = potential.contact
     coarse = contact and too_coarse(scene.mesh, scene.obstacle, contact.per_edge, contact.thickness)
-    if coarse:
+    if coarse and contact.sharp_points(scene) is None:
         print(coarse)
     if config.explain:
         Console().print(explained(potential, simulator.steps.step(scene.initial, 0.0, 1.0)).terminal())

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # of torch, here and in commands: more wait for each other in small tests
+
 import numpy as np
 import pytest
 import torch

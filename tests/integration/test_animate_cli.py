@@ -124,9 +124,13 @@ def test_explain_lists_what_the_scene_requires_and_why(animate, tmp_path):
 
 
 def test_a_cloth_too_coarse_for_its_body_is_told_before_anything_is_made(animate):
-    """The scenes as they come are fine enough, also with vertices alone."""
+    """The scenes as they come are fine enough, also with vertices alone; contact=surface asks the body too."""
+    done = animate("scene=sphere", "scene.resolution=6", "contact=paper", "explain=true")
+    assert re.match(r"contact: points of the cloth .* skin will show through\. Take .* contact=surface ", done.out)
     done = animate("scene=sphere", "scene.resolution=6", "explain=true")
-    assert re.match(r"contact: points of the cloth .* skin will show through\. Take .* contact\.per_edge=3 ", done.out)
+    assert "skin" not in done.out
+    words = " ".join(re.findall(r"[a-z0-9,]+", done.out))
+    assert "2562 sharp points" in words
     for contact in ("surface", "paper"):
         assert "skin" not in animate("scene=sphere", f"contact={contact}", "explain=true").out
 

@@ -7,6 +7,7 @@ Between points that are l apart, a cloth that is stretched over a body of radius
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -25,9 +26,8 @@ def too_coarse(mesh: ClothMesh, obstacle: Obstacle, per_edge: int, thickness: fl
         per_edge: points of contact inside each edge of the cloth.
         thickness: distance from the body at which contact begins [m].
     """
-    edge = float(np.quantile(mesh.rest_lengths, 1.0 - SHARE))
+    edge, spacing = longest_edge(mesh), point_spacing(mesh, per_edge)
     radius = least_radius(obstacle.at(0), obstacle.welded_faces)
-    spacing = edge / (per_edge + 1)
     depth = min(spacing**2 / (8.0 * radius), spacing / 2.0)
     if depth <= thickness:
         return None
@@ -37,8 +37,18 @@ def too_coarse(mesh: ClothMesh, obstacle: Obstacle, per_edge: int, thickness: fl
         f"per_edge {per_edge}), and {100 * SHARE:.0f} % of the body is curved by a radius below {_told(radius)}: found "
         f"that cloth sinks in by up to {_told(depth)} there, expected at most the thickness of the contact, "
         f"{_told(thickness)}; skin will show through. Take a mesh with edges below {_told((per_edge + 1) * fine)}, or "
-        f"contact.per_edge={math.ceil(edge / fine) - 1} (of contact=surface or ipc), or a larger contact.thickness"
+        "contact=surface or ipc, which ask points of the body too, or a larger contact.thickness"
     )
+
+
+def longest_edge(mesh: ClothMesh) -> float:
+    """Length [m] that ``SHARE`` of the edges exceed."""
+    return float(np.quantile(mesh.rest_lengths, 1.0 - SHARE))
+
+
+def point_spacing(mesh: ClothMesh, per_edge: int) -> float:
+    """How far apart points of contact are [m] on a cloth with so many inside each edge."""
+    return longest_edge(mesh) / (per_edge + 1)
 
 
 def least_radius(x: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]) -> float:
@@ -63,25 +73,49 @@ def curvatures(
     their two faces and the direction t across them on the surface (Cohen-Steiner and Morvan 2003). A is a third of
     the faces at the vertex.
     """
-    normal = np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
-    size = np.linalg.norm(normal, axis=1)
-    has_area = size > 1e-9 * size.max()
-    faces, unit, size = faces[has_area], normal[has_area] / size[has_area, None], size[has_area]
-    edges, first, second = _inner_edges(faces)
-    along = x[edges[:, 1]] - x[edges[:, 0]]
-    length = np.linalg.norm(along, axis=1)
-    left, right = unit[first], unit[second]
-    turn = np.einsum("ei,ei->e", np.cross(left, right), along / length[:, None])
-    angle = np.arctan2(turn, np.einsum("ei,ei->e", left, right))
-    across = np.cross(along, left + right)
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-30)
-    each = 0.5 * (length * angle)[:, None, None] * across[:, :, None] * across[:, None, :]
+    turns = Turns.of(x, faces)
+    each = 0.5 * (turns.length * turns.angle)[:, None, None] * turns.across[:, :, None] * turns.across[:, None, :]
     total, area = np.zeros((len(x), 3, 3)), np.zeros(len(x))
-    for corner in edges.T:
+    for corner in turns.edges.T:
         np.add.at(total, corner, each)
     for corner in faces.T:
-        np.add.at(area, corner, size / 6.0)
+        np.add.at(area, corner, np.linalg.norm(_normals(x, faces), axis=1) / 6.0)
     return np.linalg.eigvalsh(total / np.maximum(area, 1e-30)[:, None, None])[:, 2], area
+
+
+class Turns(NamedTuple):
+    """Edges that two faces share."""
+
+    edges: Int[np.ndarray, "edges 2"]
+    length: Float[np.ndarray, " edges"]
+    """[m]"""
+    angle: Float[np.ndarray, " edges"]
+    """Between the normals of both faces, positive where the surface is convex."""
+    across: Float[np.ndarray, "edges 3"]
+    """The direction on the surface that is normal to the edge."""
+    faces: Int[np.ndarray, "edges 2"]
+    """The first runs along the edge as ``edges`` does."""
+
+    @classmethod
+    def of(cls, x: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]) -> Turns:
+        """Of a mesh; faces without area have no edges, nor have more than two faces one where they meet."""
+        normal = _normals(x, faces)
+        size = np.linalg.norm(normal, axis=1)
+        has_area = np.flatnonzero(size > 1e-9 * size.max())
+        unit = normal[has_area] / size[has_area, None]
+        edges, first, second = _inner_edges(faces[has_area])
+        along = x[edges[:, 1]] - x[edges[:, 0]]
+        length = np.linalg.norm(along, axis=1)
+        left, right = unit[first], unit[second]
+        turn = np.einsum("ei,ei->e", np.cross(left, right), along / length[:, None])
+        angle = np.arctan2(turn, np.einsum("ei,ei->e", left, right))
+        across = np.cross(along, left + right)
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-30)
+        return cls(edges, length, angle, across, has_area[np.stack([first, second], 1)])
+
+
+def _normals(x: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "faces 3"]:
+    return np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
 
 
 def _inner_edges(faces: Int[np.ndarray, "faces 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -94,6 +94,12 @@ class NearestFaces:
             chosen &= self.points < first
         return self.chosen(chosen.nonzero()[:, 0])
 
+    def joined(self, other: NearestFaces) -> NearestFaces:
+        """Both, the other's after these."""
+        names = [f.name for f in fields(self) if f.name != "end"]
+        parts = {name: torch.cat([getattr(self, name), getattr(other, name)]) for name in names}
+        return NearestFaces(**parts, end=Frame(*(torch.cat(pair) for pair in zip(self.end, other.end, strict=True))))
+
     def chosen(self, rows: Int[Tensor, " chosen"]) -> NearestFaces:
         """Some of them."""
         parts = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "end"}

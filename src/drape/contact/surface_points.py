@@ -14,12 +14,14 @@ from drape.scene.mesh_batch import MeshBatch
 
 
 class Kind(NamedTuple):
-    """The points of all vertices, of all edges, or of all faces."""
+    """The points of all vertices, of all edges, or of faces."""
 
     first: int
     """Row of the first of them among all points."""
     carriers: Int[Tensor, "carriers corners"]
-    """The vertices that each edge or face has; point k of a kind lies on carrier ``k % carriers``."""
+    """The vertices that each edge or face has."""
+    carrier: Int[Tensor, " points"]
+    """The vertex, edge or face that each point lies on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +40,8 @@ class SurfacePoints:
     """What a point carries of the mass of each corner; over all points they sum to 1 for each vertex."""
     mesh_of_point: Int[Tensor, " points"]
     kinds: tuple[Kind, ...]
+    faces: Int[Tensor, "faces 3"]
+    """Of the cloths."""
 
     @classmethod
     def of(cls, mesh: MeshBatch, per_edge: int = 0, per_face: int = 0) -> SurfacePoints:
@@ -48,7 +52,8 @@ class SurfacePoints:
         there = [(carriers, weights) for carriers, weights in kinds if weights]
         rows, found = [], []
         for carriers, weights in there:
-            found.append(Kind(sum(len(row[0]) for row in rows), carriers))
+            each = torch.arange(len(carriers), device=carriers.device).repeat(len(weights))
+            found.append(Kind(sum(len(row[0]) for row in rows), carriers, each))
             count = carriers.reshape(-1).bincount(minlength=mesh.num_vertices).clamp(min=1)
             share = 1.0 / (len(there) * len(weights) * count[carriers].double())
             for row in weights:
@@ -56,7 +61,25 @@ class SurfacePoints:
                 rows.append((carriers, weight.expand(len(carriers), -1), share))
         vertices, weights, shares = (torch.cat([_padded(row[part], part == 0) for row in rows]) for part in range(3))
         dtype = mesh.rest_lengths.dtype
-        return cls(vertices, weights.to(dtype), shares.to(dtype), mesh.mesh_of_vertex[vertices[:, 0]], tuple(found))
+        mesh_of_point = mesh.mesh_of_vertex[vertices[:, 0]]
+        return cls(vertices, weights.to(dtype), shares.to(dtype), mesh_of_point, tuple(found), mesh.faces)
+
+    def with_faces(
+        self, faces: Int[Tensor, " further"], barycentric: Float[Tensor, "further 3"]
+    ) -> SurfacePoints:
+        """The same and further points in some of the faces, which carry as much together as another kind would."""
+        at_vertex = self.faces.reshape(-1).bincount().clamp(min=1)
+        alike = faces.bincount(minlength=len(self.faces))[faces]
+        vertices = self.faces[faces]
+        shares = 1.0 / (len(self.kinds) * at_vertex[vertices] * alike[:, None])
+        return SurfacePoints(
+            torch.cat([self.vertices, vertices]),
+            torch.cat([self.weights, barycentric.to(self.weights)]),
+            torch.cat([self.mass_shares, shares.to(self.mass_shares)]),
+            torch.cat([self.mesh_of_point, self.mesh_of_point[vertices[:, 0]]]),
+            (*self.kinds, Kind(len(self.vertices), self.faces, faces)),
+            self.faces,
+        )
 
     def at(self, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "points 3"]:
         """Where the points are when the vertices are at ``x`` [m]."""
@@ -113,7 +136,7 @@ class ChosenPoints:
             weights = self.surface.weights[point, :size].to(blocks)
             each = torch.einsum("pa,pb,pij->paibj", weights, weights, blocks[rows])
             total = blocks.new_zeros(len(kind.carriers), size, 3, size, 3)
-            pieces.append((kind.carriers, total.index_add(0, (point - kind.first) % len(kind.carriers), each)))
+            pieces.append((kind.carriers, total.index_add(0, kind.carrier[point - kind.first], each)))
         return pieces
 
 

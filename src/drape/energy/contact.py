@@ -11,7 +11,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.contact.coarseness import point_spacing
 from drape.contact.nearest_faces import NearestFaces
+from drape.contact.sharp_points import SharpPoints
 from drape.contact.surface_points import ChosenPoints, SurfacePoints
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
@@ -75,6 +77,10 @@ class Contact(EnergyTerm):
     def surface(self, mesh: MeshBatch) -> SurfacePoints:
         """The points of cloths that touch bodies."""
         return SurfacePoints.of(mesh, self.per_edge, self.per_face)
+
+    def sharp_points(self, scene: Scene) -> SharpPoints | None:
+        """The points of the body that are asked too, where this contact asks any and the scene needs them."""
+        return None
 
     def near(self, step: Step) -> NearestFaces:
         """The points that take part, and their faces.
@@ -146,6 +152,9 @@ class PaperContact(Contact):
 class SurfaceContact(Contact):
     """Contact of the surface of the cloth: of its vertices and of points of its edges and faces.
 
+    And of the points of the cloth that are nearest to corners and sharp edges of the body, and to what of it is too
+    curved for a cloth as coarse: :class:`SharpPoints`.
+
     ``k_p = stiffness · m_p`` with the mass m_p that the point carries, so that fabrics of any weight sink in alike:
     lying flat by ``sqrt(g / (3 stiffness))``.
 
@@ -173,6 +182,9 @@ class SurfaceContact(Contact):
                 "from 0 on inside each edge, and 0, 1 or 3 inside each face"
             )
         self.per_edge, self.per_face = per_edge, per_face
+
+    def sharp_points(self, scene: Scene) -> SharpPoints | None:
+        return SharpPoints.of(scene.obstacle, point_spacing(scene.mesh, self.per_edge), self.thickness)
 
     def point_stiffness(self, step: Step, points: ChosenPoints) -> Float[Tensor, " points"]:
         return self.stiffness * points.mass(step.mass)

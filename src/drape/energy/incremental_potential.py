@@ -68,7 +68,9 @@ class IncrementalPotential(nn.Module):
         if scene.obstacle is not None:
             touching = contact.enlarged(scene.enlarged)
             terms.append(touching)
-            reasons["contact"] = f"a body of {len(scene.obstacle.faces)} faces"
+            sharp = touching.sharp_points(scene)
+            asked = "" if sharp is None else f", {len(sharp)} sharp points of it, for which the cloth is too coarse"
+            reasons["contact"] = f"a body of {len(scene.obstacle.faces)} faces{asked}"
             if scene.friction:
                 terms.append(Friction(scene.friction, touching))
                 reasons["friction"] = f"the coefficient of friction is {scene.friction:.4g}"

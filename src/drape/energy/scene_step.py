@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import fields, replace
 
 import numpy as np
@@ -12,10 +11,14 @@ from torch import Tensor
 
 from drape.contact.nearest_faces import NearestFaces
 from drape.contact.surface_points import SurfacePoints
+from drape.energy.contact import Contact
 from drape.energy.step import ObstacleStep, Step
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.scene import Scene
 from drape.scene.state import State
+
+ASKED = 2.0
+"""Thicknesses of contact within which of the cloth points of the body are asked about it."""
 
 
 class SceneSteps:
@@ -29,7 +32,7 @@ class SceneSteps:
         attributes: the scaled vector **a** of its fabric; empty for energies that read no attributes.
         dtype: float32 or float64.
         device: where the energies are evaluated.
-        touching: makes the points of the cloth that meet the body; None: its vertices.
+        contact: decides which points of the cloth meet the body; None: its vertices.
     """
 
     def __init__(
@@ -38,7 +41,7 @@ class SceneSteps:
         attributes: Float[Tensor, " attributes"],
         dtype: torch.dtype = torch.float64,
         device: torch.device | str = "cpu",
-        touching: Callable[[MeshBatch], SurfacePoints] | None = None,
+        contact: Contact | None = None,
     ):
         self.scene = scene
         self.dtype = dtype
@@ -55,10 +58,12 @@ class SceneSteps:
         self._attributes = attributes[None].to(self.device)
         force = scene.external_force
         self._force = None if force is None else self._put(torch.tensor(force))
-        self._faces = self._touching = self._searched = None
+        self._faces = self._touching = self._searched = self.sharp_points = None
         if scene.obstacle is not None:
             self._faces = torch.tensor(scene.obstacle.welded_faces, device=self.device)
-            self._touching = (touching or SurfacePoints.of)(self.mesh)
+            self._touching = SurfacePoints.of(self.mesh) if contact is None else contact.surface(self.mesh)
+            self.sharp_points = None if contact is None else contact.sharp_points(scene)
+            self._asked_within = 0.0 if contact is None else ASKED * contact.thickness
 
     def _put(self, tensor: Tensor) -> Tensor:
         return tensor.to(self.device, self.dtype) if tensor.is_floating_point() else tensor.to(self.device)
@@ -87,11 +92,30 @@ class SceneSteps:
             obstacle=obstacle,
             touching=self._touching,
         )
-        return step if obstacle is None else step.with_near(self._nearest(state.x, start).until(self._faces, ends[1]))
+        if obstacle is None:
+            return step
+        near = self._nearest(state.x, start).until(self._faces, obstacle.x_next)
+        return self._with_near(step, near, step.x, step.inertial, obstacle.x)
 
-    def with_near_at(self, step: Step, x: Float[np.ndarray, "vertices 3"], stop: float) -> Step:
-        """``step`` with the faces in contact that are nearest to cloth at ``x`` [m] when it ends, at time ``stop``."""
-        return step.with_near(self._nearest(x, stop).until(self._faces, step.obstacle.x_next))
+    def with_near_at(
+        self, step: Step, x: Float[Tensor, "vertices 3"], positions: Float[np.ndarray, "vertices 3"], stop: float
+    ) -> Step:
+        """``step`` with the faces in contact that are nearest to cloth when it ends, at time ``stop``.
+
+        Args:
+            x: where the cloth is then, as the step has positions.
+            positions: the same in the world [m].
+        """
+        body = step.obstacle.x_next
+        return self._with_near(step, self._nearest(positions, stop).until(self._faces, body), x, x, body)
+
+    def _with_near(self, step: Step, near: NearestFaces, x: Tensor, x_next: Tensor, body: Tensor) -> Step:
+        """``step`` with these nearest faces, and with what is near to sharp points of the body."""
+        if self.sharp_points is None:
+            return step.with_near(near)
+        ways = x, x_next, self._faces, body, step.obstacle.x_next
+        surface, further = self.sharp_points.meeting(self._touching, *ways, self._asked_within)
+        return step.with_near(near.joined(further), surface)
 
     def _nearest(self, x: Float[np.ndarray, "vertices 3"], time: float) -> NearestFaces:
         """Of the body at a time in frames; a step begins where the one before has ended, so the last search is kept."""

@@ -97,10 +97,10 @@ class Step:
             self._kept[key] = make()
         return self._kept[key]
 
-    def with_near(self, near: NearestFaces) -> Step:
-        """The same step with other nearest faces than those at t."""
+    def with_near(self, near: NearestFaces, surface: SurfacePoints | None = None) -> Step:
+        """The same step with other nearest faces than those at t, of the points of another ``surface``."""
         step = replace(self)
-        step.__dict__.update(near=near, surface=self.surface)
+        step.__dict__.update(near=near, surface=surface or self.surface)
         return step
 
     @cached_property

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import sys
 import weakref
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +14,8 @@ from jaxtyping import Float
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+for library in sorted(Path(sys.prefix, "lib").glob("libmkl_rt*")):  # else pypardiso searches all folders for it
+    os.environ.setdefault("PYPARDISO_MKL_RT", str(library))
 try:  # there is none for other processors than x86; several times faster
     from pypardiso import PyPardisoSolver
     from pypardiso.pardiso_wrapper import PyPardisoError

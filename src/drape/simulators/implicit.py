@@ -62,7 +62,8 @@ class ImplicitSolver:
         attributes: the scaled vector **a** of the fabric.
         tolerance: mean norm of the unbalanced force over the free vertices at which a step is done [N]; None for a
             thousandth of the mean weight (or of mass times 9.81 m/s² without gravity).
-        iterations: the most evaluations of the potential in a time step; the knob between speed and accuracy.
+        iterations: the most evaluations of the potential for a time step, the knob between speed and accuracy; where
+            cloth ends inside the body, up to ``ROUNDS`` times as many again.
         steps: equal time steps in each frame; body and pins move on straight lines between frames.
         precision: of positions, energies and forces: float32 or float64.
         factors: precision of the sparse factors of Hessians; float32 takes half the time, where PARDISO is there.
@@ -96,8 +97,7 @@ class ImplicitSolver:
             raise DrapeError(f"simulator.tolerance: found {tolerance}; expected newtons, more than 0")
         self.potential = potential.to(device=device, dtype=PRECISIONS[precision])
         contact = self.potential.contact
-        surface = None if contact is None else contact.surface
-        self.steps = SceneSteps(scene, attributes, PRECISIONS[precision], device, surface)
+        self.steps = SceneSteps(scene, attributes, PRECISIONS[precision], device, contact)
         self.tolerance = tolerance
         self.iterations = iterations
         self.steps_per_frame = steps
@@ -171,7 +171,7 @@ class ImplicitSolver:
         before = self._minimiser.standing.terms
         positions = self._positions(x, step, state, stop)
         for _ in range(ROUNDS if step.obstacle is not None and outcome is not Outcome.NOT_FINITE else 0):
-            ending = self.steps.with_near_at(step, positions, stop)
+            ending = self.steps.with_near_at(step, x, positions, stop)
             if not bool((ending.near.distance < 0).any()):
                 break
             step = ending
