@@ -19,11 +19,11 @@ def training_statistics(data: TrajectoryDataModule) -> dict[str, float]:
     """What evenly spaced windows of the training split say.
 
     Root mean squares: ``stretch`` of Δl [m] and ``speed`` of edge midpoints [m/s]. ``stretch_typical`` is the median
-    of |Δl| [m], ``area`` the mean area at an edge [m²]. Energies: ``edge_energy``, the root mean square of ΔV of a
+    of |Δl| [m], ``hinge_typical`` that of |Δθ| of inner edges [rad], ``area`` the mean area at an edge [m²]. Energies: ``edge_energy``, the root mean square of ΔV of a
     cloth over the square root of the number of its edges [J]; ``edge_energy_density``, the same over ``area`` [J/m²];
     ``typical_work``, the mean internal force on a vertex times ``stretch_typical`` [J].
     """
-    sums = dict.fromkeys(("stretch", "speed", "balance", "force", "median", "area"), 0.0)
+    sums = dict.fromkeys(("stretch", "speed", "balance", "force", "median", "hinge", "area"), 0.0)
     seen = 0
     for window in data.spaced_windows(WINDOWS, BATCH):
         seen += window.mesh.num_meshes
@@ -35,6 +35,7 @@ def training_statistics(data: TrajectoryDataModule) -> dict[str, float]:
             "balance": window.balance.square().mean(),
             "force": window.inertial_force[window.free].norm(dim=-1).mean(),
             "median": stretch.abs().median(),
+            "hinge": geometry.hinge_change[~window.mesh.boundary].abs().median(),
             "area": geometry.area.mean(),
         }
         for name, value in means.items():
@@ -44,6 +45,7 @@ def training_statistics(data: TrajectoryDataModule) -> dict[str, float]:
     return {
         "stretch": math.sqrt(sums["stretch"]),
         "stretch_typical": sums["median"],
+        "hinge_typical": sums["hinge"],
         "speed": math.sqrt(sums["speed"]),
         "area": sums["area"],
         "edge_energy": edge_energy,

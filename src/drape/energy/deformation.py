@@ -30,6 +30,19 @@ class Stretch(Deformation):
         return (geometry.length - geometry.mesh.rest_lengths)[..., None]
 
 
+class StretchHinge(Deformation):
+    """(Δl, Δθ): the changes of length [m] and of the dihedral angle between the two faces of the edge [rad].
+
+    A hinge couples four vertices, and feels a zigzag of single edges, which vertex normals do not. On boundaries Δθ = 0.
+    """
+
+    size = 2
+
+    def forward(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges 2"]:
+        stretch = geometry.length - geometry.mesh.rest_lengths
+        return torch.stack([stretch, geometry.hinge_change], -2).mT
+
+
 class StretchBending(Deformation):
     """(Δl, cos Δα, sin Δα, cos Δβ, sin Δβ) with Δl = l - l_rest [m] (paper, eq. 2)."""
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from drape.energy.timing import Timing
 from drape.energy.units import DissipationUnits, PotentialUnits
 from drape.scene.geometry import EdgeGeometry
 from drape.scene.mesh_batch import MeshBatch
@@ -24,11 +25,15 @@ class EdgeEnergies(NamedTuple):
 class EUNet(nn.Module):
     """Φ(x', x) = Σ_e φp(deformation of e at x') + Σ_e φd(motion of e from x to x') [J] (paper, eq. 1-3).
 
-    Without ``dissipation`` the second sum does not exist: no parameters, no cost.
+    Without ``dissipation`` the second sum does not exist: no parameters, no cost. With ``timing``, the forces that
+    recorded frames show are those of φp at three of them.
     """
 
-    def __init__(self, potential: PotentialUnits, dissipation: DissipationUnits | None = None):
+    def __init__(
+        self, potential: PotentialUnits, dissipation: DissipationUnits | None = None, timing: Timing | None = None
+    ):
         super().__init__()
+        self.timing = timing
         units = {"potential": potential, "dissipation": dissipation}
         self.units = nn.ModuleDict({name: unit for name, unit in units.items() if unit is not None})
 

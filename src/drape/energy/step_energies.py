@@ -66,12 +66,34 @@ class StepEnergies:
 
     @cached_property
     def gradient(self) -> Float[Tensor, "vertices 3"]:
-        """∂Φ/∂x at t+1 [N], minus the internal and damping force on each vertex."""
+        """∂Φ/∂x [N], minus the internal and damping force on each vertex: that at t+1, or, of an energy that knows at
+        which frames forces act, the mean of those at t-1, t and t+1 with these weights.
+        """
+        if self.energy.timing is not None:
+            return self._weighted_gradient
         with torch.enable_grad():
             total = self.next.total.sum()
             leaves = list(self._leaves.values())
             slopes = torch.autograd.grad(total, leaves, create_graph=self.training, retain_graph=True)
             return pullback(list(self._inputs_next.values()), self._x_next, slopes)
+
+    @cached_property
+    def _weighted_gradient(self) -> Float[Tensor, "vertices 3"]:
+        window, units = self.window, self.energy.potential
+        with torch.enable_grad():
+            x = torch.stack([window.x_prev, window.x, self._x_next.detach()]).requires_grad_()
+            inputs = units.inputs(EdgeGeometry(x, window.mesh))
+            leaves = inputs.detach().flatten(0, 1).requires_grad_()
+            total = units.energies(leaves, self.attributes.repeat(3, 1)).sum()
+            (slopes,) = torch.autograd.grad(total, leaves, create_graph=self.training)
+            slopes = self.energy.timing(self.attributes) * slopes.unflatten(0, (3, -1))
+            pulled = pullback([inputs], x, [slopes]).sum(0)
+            if not self.energy.dissipates:
+                return pulled
+            leaf = self._leaves["dissipation"]
+            lost, _ = self.energy.units["dissipation"].energies(leaf, self.attributes)
+            (slopes,) = torch.autograd.grad(lost.sum(), leaf, create_graph=self.training)
+            return pulled + pullback([self._inputs_next["dissipation"]], self._x_next, [slopes])
 
     @cached_property
     def force_residual(self) -> Float[Tensor, "vertices 3"]:

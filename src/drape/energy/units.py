@@ -48,8 +48,3 @@ class DissipationUnits(nn.Module, ABC):
     ) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
         """φd of each edge [J] and the energy that the edge loses in the step [J], float64."""
 
-    @abstractmethod
-    def drag(
-        self, speed: Float[Tensor, " edges"], attributes: Float[Tensor, "edges attributes"]
-    ) -> Float[Tensor, " edges"]:
-        """The part of φd that the speed of an edge alone decides, per adjacent area [J/m²]: never negative."""

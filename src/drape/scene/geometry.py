@@ -155,6 +155,16 @@ class EdgeGeometry:
         sine = (_cross(first, second) * self.direction).sum(-1)
         return _unit(torch.stack([(first * second).sum(-1), sine], -2)).mT
 
+    @cached_property
+    def hinge_change(self) -> Float[Tensor, "... edges"]:
+        """Δθ, the change of the dihedral angle from that of ``mesh.rest`` [rad], in (-π, π]; 0 on boundaries.
+
+        0 too where one of the two faces has no area.
+        """
+        cosine, sine = subtract_angles(self.hinge, self.mesh.rest.hinge).mT.unbind(-2)
+        flat = (cosine.square() + sine.square() < 0.25) | self.mesh.boundary
+        return torch.atan2(sine.masked_fill(flat, 0.0), cosine.masked_fill(flat, 1.0))
+
 
 def _unit(pair: Float[Tensor, "... 2 edges"]) -> Float[Tensor, "... 2 edges"]:
     return pair / safe_norm(pair, TINY, dim=-2)[..., None, :]
