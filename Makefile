@@ -54,7 +54,7 @@ data: install  ## trajectories of a cloth, by Blender; goes on where it was inte
 
 train: install data  ## the data if they are not there, then the paper's EUNet and ours, their test, table and figure
 	$(RUN) src/train.py data=$(DATA) model=eunet
-	$(RUN) src/train.py data=$(DATA) model=eunet_stable
+	$(RUN) src/train.py data=$(DATA) model=eunet_hinge
 	$(RUN) src/report.py
 	@echo "figure: runs/report/energy_map.png    table: runs/report/tables.md"
 	@echo "dashboard: $(VENV)/bin/tensorboard --logdir runs, then open the address that it prints in a browser"

@@ -8,8 +8,9 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from drape import config as conf
-from drape.energy.baked_file import save_baked
+from drape.energy.baked_hinges import save_baked
 from drape.energy.baking import bake
+from drape.energy.hinge_law import NetworkHinges
 from drape.energy.load_law import load_law
 from drape.errors import DrapeError
 
@@ -21,10 +22,15 @@ def main(config: DictConfig) -> None:
     if path.suffix != ".npz":
         raise DrapeError(f"path: found {path}; expected a name that ends in .npz")
     fabric, resolution, bounds = (conf.instantiate(config[name]) for name in ("fabric", "table", "bounds"))
-    law, attributes = load_law(str(checkpoint), fabric)
+    law, _ = load_law(str(checkpoint), fabric)
+    if not isinstance(law, NetworkHinges):
+        raise DrapeError(
+            f"{checkpoint}: found a law of the paper's (stretch, twist, bend); expected one of stretch and hinge, as "
+            "model=eunet_hinge trains it; the paper's runs by its networks: energy=eunet energy.checkpoint=..."
+        )
     sha256 = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
     source = {"checkpoint": checkpoint.name, "sha256": sha256}
-    baked = bake(law, attributes, resolution, fabric=fabric, progress=True, **source)
+    baked = bake(law, resolution, fabric=fabric, **source)
     print(baked.certificate.text())
     baked.certificate.check(bounds)
     save_baked(baked, path)

@@ -19,9 +19,10 @@ def training_statistics(data: TrajectoryDataModule) -> dict[str, float]:
     """What evenly spaced windows of the training split say.
 
     Root mean squares: ``stretch`` of Δl [m] and ``speed`` of edge midpoints [m/s]. ``stretch_typical`` is the median
-    of |Δl| [m], ``hinge_typical`` that of |Δθ| of inner edges [rad], ``area`` the mean area at an edge [m²]. Energies: ``edge_energy``, the root mean square of ΔV of a
-    cloth over the square root of the number of its edges [J]; ``edge_energy_density``, the same over ``area`` [J/m²];
-    ``typical_work``, the mean internal force on a vertex times ``stretch_typical`` [J].
+    of |Δl| [m], ``hinge_typical`` that of |Δθ| of inner edges [rad], ``area`` the mean area at an edge [m²]. Energies:
+    ``edge_energy``, the root mean square of ΔV of a cloth over the square root of the number of its edges [J];
+    ``edge_energy_density``, the same over ``area`` [J/m²]; ``typical_work``, the mean internal force on a vertex times
+    ``stretch_typical`` [J].
     """
     sums = dict.fromkeys(("stretch", "speed", "balance", "force", "median", "hinge", "area"), 0.0)
     seen = 0

@@ -33,7 +33,8 @@ class Stretch(Deformation):
 class StretchHinge(Deformation):
     """(Δl, Δθ): the changes of length [m] and of the dihedral angle between the two faces of the edge [rad].
 
-    A hinge couples four vertices, and feels a zigzag of single edges, which vertex normals do not. On boundaries Δθ = 0.
+    A hinge couples four vertices, and feels a zigzag of single edges, which vertex normals do not. Δθ is 0 on
+    boundaries.
     """
 
     size = 2

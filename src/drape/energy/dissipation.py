@@ -1,4 +1,4 @@
-"""What the motion of a cloth costs by the law of its edges: Φd of EUNet, from the networks or from a table."""
+"""What the motion of a cloth costs by the law of its edges: Φd of EUNet."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.energy.baked_kernel import DissipationKernel
 from drape.energy.edge_law import EdgeLaw
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
@@ -29,7 +28,6 @@ class Dissipation(EnergyTerm):
     def __init__(self, law: EdgeLaw):
         super().__init__()
         self.law = law
-        self._kernel: DissipationKernel | None = None
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         _, speed = _motion(x_next, step)
@@ -44,10 +42,6 @@ class Dissipation(EnergyTerm):
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
         mesh, count, x_next = step.mesh, len(x_next), x_next.detach()
-        if DissipationKernel.fits(self.law, x_next):
-            if self._kernel is None or self._kernel.mesh is not mesh:
-                self._kernel = DissipationKernel(self.law, mesh)
-            return self._kernel.energy_and_gradient(x_next, step)
         motion, speed = _motion(x_next, step)
         sides, normal, area = _areas(x_next, step)
         density, slope = self.law.drag_slopes(speed, step.attributes[mesh.mesh_of_edge])

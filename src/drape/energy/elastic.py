@@ -1,4 +1,4 @@
-"""The elastic energy of a cloth by the law of its edges: Φp of EUNet, from the networks or from a table."""
+"""The elastic energy of a cloth by the law of its edges: Φp of EUNet."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from jaxtyping import Float, Int
 from scipy import sparse
 from torch import Tensor
 
-from drape.energy.baked_kernel import ElasticKernel
 from drape.energy.edge_deformation import EdgeDeformation
 from drape.energy.edge_law import EdgeLaw, Slopes
 from drape.energy.edge_scale import ALL, EdgeScale
@@ -40,7 +39,6 @@ class ElasticEnergy(EnergyTerm):
         self.law = law
         self.transfer = transfer
         self._scale: tuple[MeshBatch, EdgeScale] | None = None
-        self._kernel: ElasticKernel | None = None
         self._turning = StencilSum()
 
     def _scaled(self, q: Tensor, mesh: MeshBatch, edges: Tensor | slice) -> tuple[Tensor | float, Tensor | None]:
@@ -73,10 +71,6 @@ class ElasticEnergy(EnergyTerm):
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
-        if ElasticKernel.fits(self.law, x_next):
-            if self._kernel is None or self._kernel.mesh is not step.mesh:
-                self._kernel = ElasticKernel(self.law, step.mesh, transfer=self.transfer)
-            return self._kernel.energy_and_gradient(x_next, step)
         deformation, slopes, by_upright = self._slopes(x_next, step, hessian=False)
         energy = step.sum_stencils(slopes.energy, step.mesh.edges[:, 0])
         return energy, deformation.pull(slopes.gradient.T, by_upright)

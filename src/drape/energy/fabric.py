@@ -15,6 +15,8 @@ from drape.energy.deformation import Deformation, Stretch
 from drape.energy.dissipation import Dissipation
 from drape.energy.edge_law import EdgeLaw
 from drape.energy.elastic import ElasticEnergy
+from drape.energy.hinge_elastic import Damping, HingeElastic
+from drape.energy.hinge_law import HingeLaw, WithoutHinges
 from drape.energy.load_law import load_baked, load_law
 from drape.energy.mass_spring import MassSpringLaw
 from drape.energy.springs import SpringEnergy
@@ -74,7 +76,12 @@ def mass_spring(path: str, windows: int, material: Material) -> Fabric:
     return Fabric([SpringEnergy(law, fabric)], torch.zeros(len(ATTRIBUTES), dtype=torch.float64))
 
 
-def _terms(law: EdgeLaw, transfer: bool, deformation: Deformation | None) -> list[EnergyTerm]:
-    if deformation is not None and deformation.size == Stretch.size:
+def _terms(law: EdgeLaw | HingeLaw, transfer: bool, deformation: Deformation | None) -> list[EnergyTerm]:
+    stretch_only = deformation is not None and deformation.size == Stretch.size
+    if isinstance(law, HingeLaw):
+        law = WithoutHinges(law) if stretch_only else law
+        damped = [Damping(law, transfer=transfer)] if law.damper or law.drag else []
+        return [HingeElastic(law, transfer=transfer), *damped]
+    if stretch_only:
         law = StretchOnly(law)
     return [ElasticEnergy(law, transfer=transfer), *([Dissipation(law)] if law.dissipates else [])]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,24 +15,36 @@ Piece = tuple[Int[Tensor, "_ _"], Float[Tensor, "_ _ 3 _ 3"]]
 """``stencils corners`` vertices, and the ``stencils corners 3 corners 3`` blocks on their coordinates."""
 
 
+class Filled(NamedTuple):
+    """Stencils that add their entries to a matrix themselves."""
+
+    vertices: Int[Tensor, "stencils corners"]
+    add: Callable[[np.ndarray, np.ndarray], None]
+    """Given the data of the matrix, and where in it each pair of coordinates of each stencil stands: ``stencils pairs``,
+    the upper triangle of a block row by row."""
+
+
 class _Pattern(NamedTuple):
     """Where the entries of some stencils stand in the data of the upper triangle of a sparse matrix."""
 
-    places: list[Int[Tensor, " entries"]]
-    """Of each set of stencils."""
+    places: list[Tensor | np.ndarray]
+    """Of each set of stencils, ``entries``; of those that add themselves ``stencils pairs``, side by side in memory."""
     diagonal: Int[Tensor, "vertices pairs"]
     """Of the block of each vertex on the diagonal; all are there, whichever vertices stencils are of."""
     indices: np.ndarray
     indptr: np.ndarray
 
     @classmethod
-    def of(cls, vertices: Sequence[Int[Tensor, "_ _"]], num_vertices: int) -> _Pattern:
+    def of(cls, pieces: Sequence[Piece | Filled], num_vertices: int) -> _Pattern:
         size = 3 * num_vertices
-        keys = [_keys(some, size) for some in (*vertices, torch.arange(num_vertices)[:, None])]
+        keys = [_keys(some, size) for some in (*(piece[0] for piece in pieces), torch.arange(num_vertices)[:, None])]
         found, place = torch.unique(torch.cat([some.reshape(-1) for some in keys]), return_inverse=True)
         counts = torch.bincount(found // size, minlength=size)
         indptr = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
         *places, diagonal = place.split([some.numel() for some in keys])
+        for k, piece in enumerate(pieces):
+            if isinstance(piece, Filled):
+                places[k] = np.ascontiguousarray(places[k].int().view(-1, len(piece.vertices)).numpy().T)
         return cls(places, diagonal.view(-1, num_vertices).T, (found % size).int().numpy(), indptr.int().numpy())
 
 
@@ -64,11 +76,14 @@ class StencilSum:
         several = [piece for piece in pieces if piece[0].shape[1] > 1]
         vertices = [piece[0] for piece in several]
         if self._pattern is None or not self._fits(vertices, num_vertices):
-            self._vertices, self._pattern = vertices, _Pattern.of(vertices, num_vertices)
+            self._vertices, self._pattern = vertices, _Pattern.of(several, num_vertices)
         pattern = self._pattern
         data = torch.zeros(len(pattern.indices), dtype=torch.float64)
-        for (_, blocks), place in zip(several, pattern.places, strict=True):
-            data.scatter_add_(0, place, _entries(blocks).reshape(-1))
+        for piece, place in zip(several, pattern.places, strict=True):
+            if isinstance(piece, Filled):
+                piece.add(data.numpy(), place)
+            else:
+                data.scatter_add_(0, place, _entries(piece[1]).reshape(-1))
         for some, blocks in pieces:
             if some.shape[1] == 1:
                 place = pattern.diagonal[some[:, 0].cpu()].T

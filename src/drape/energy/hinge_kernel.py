@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
-from drape.energy.baked_kernel_vectors import BLOCK, compiled, inlined, series
-from drape.energy.cubic_spline import MARGIN
+from drape.energy.compiled import BLOCK, compiled, inlined, series
+from drape.energy.spline_plane import MARGIN
 
 EDGE, ARM1, ARM2, NORMAL1, NORMAL2 = (3 * BLOCK * k for k in range(5))
 ON_END, ON_THIRD, ON_FOURTH = (3 * BLOCK * k for k in range(5, 8))
@@ -145,7 +145,7 @@ def _deform(buffer, inner, rest_length, rest_angle, size, smallest, stretch_scal
 
 @inlined
 def _clamped(x, nodes):
-    """As in :mod:`cubic_spline`; what is not a number goes to the lower end: it must not be looked up elsewhere."""
+    """As in :mod:`spline_plane`; what is not a number goes to the lower end: it must not be looked up elsewhere."""
     x = x if x > 1.0 - MARGIN else 1.0 - MARGIN
     return x if x < nodes + MARGIN - 2.001 else nodes + MARGIN - 2.001
 
@@ -287,7 +287,7 @@ def add_hessian(x, edges, tables, count, data, places):
     """Add the Hessians of the first ``count`` edges, positive semi-definite, to the entries ``data`` of a matrix.
 
     ``Jᵀ H₊ J + |∂φ/∂l|/l (I - y yᵀ)``, J the derivatives of length and angle, H₊ the positive part of the second
-    derivatives of the energy in them. ``places[p, e]`` is where entry p of edge e stands, of the upper triangle of its
+    derivatives of the energy in them. ``places[e, p]`` is where entry p of edge e stands, of the upper triangle of its
     12 x 12 block row by row.
     """
     buffer, sums, rows = np.zeros(END), np.empty(SUMS), np.zeros(BLOCK, np.int64)
@@ -295,7 +295,7 @@ def add_hessian(x, edges, tables, count, data, places):
     for first in range(0, len(edges.share), BLOCK):
         _evaluate(x, edges, tables, first, buffer, sums, rows, energy, True)
         for e in range(min(BLOCK, count - first)):
-            size, share = edges.size[first + e], edges.share[first + e]
+            share = edges.share[first + e]
             z, y = buffer[STRETCH + e], buffer[ANGLE + e]
             zz, yy = 0.5 * z * z, 0.5 * y * y
             root, square = buffer[AT_Z + e], buffer[AT_Y + e]
@@ -339,5 +339,5 @@ def add_hessian(x, edges, tables, count, data, places):
                         value += string
                     if p < 3 and q == p + 3:
                         value -= string
-                    data[places[place, first + e]] += value
+                    data[places[first + e, place]] += value
                     place += 1

@@ -1,4 +1,4 @@
-"""The law of an edge as a spring and a hinge: what a fabric stores in the length and in the dihedral angle of an edge."""
+"""The law of an edge as a spring and a hinge: what a fabric stores in its length and its dihedral angle."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from torch import Tensor, nn
 
 from drape.energy.eunet import EUNet
 from drape.energy.potential_hinge import HingePotential
-from drape.energy.spline_plane import SplinePlane
-from drape.scene.material import Material
 
 
 class HingeSlopes(NamedTuple):
@@ -71,31 +69,19 @@ class NetworkHinges(HingeLaw):
         size = self.units.deformation.size
         return self.units.energies(q[:, :size], self.attributes.expand(len(q), -1)).to(q.dtype)
 
+    def stiffness(self, seen: Float[Tensor, "places 2"]) -> Float[Tensor, "places 2"]:
+        """K and B [J] at places (u, v) of :class:`BakedHinges`; B = 0 of a law that does not see hinges."""
+        found = self.units.stiffness(seen[:, : self.units.deformation.size], self.attributes.expand(len(seen), -1))
+        return torch.nn.functional.pad(found, (0, 2 - found.shape[1]))
 
-class BakedHinges(HingeLaw):
-    """``φp = ½ K(u, v) z² + ½ B(u, v) y²``, z = Δl/stretch_scale, y = Δθ/angle_scale, u = asinh z, v = ln(1 + y²).
 
-    K and B are cubic splines [J] that are never negative; beyond their nodes they are constant, so that φp goes on as
-    a parabola. It is the form of :class:`HingePotential`, so that at rest energy, forces and stiffness are those of the
-    network.
-    """
+class WithoutHinges(HingeLaw):
+    """``φp(Δl, 0)`` of another law, and its damping: no force from bending (the paper's ablation)."""
 
-    def __init__(
-        self,
-        plane: SplinePlane,
-        *,
-        fabric: Material,
-        stretch_scale: float,
-        angle_scale: float,
-        face_area: float,
-        damper: float,
-        drag: float,
-    ):
-        super().__init__(face_area, damper, drag)
-        self.plane, self.fabric = plane, fabric
-        self.stretch_scale, self.angle_scale = stretch_scale, angle_scale
+    def __init__(self, law: HingeLaw):
+        super().__init__(law.face_area, law.damper, law.drag)
+        self.law = law
 
     def potential(self, q: Float[Tensor, "edges 2"]) -> Float[Tensor, " edges"]:
-        z, y = q[:, 0] / self.stretch_scale, q[:, 1] / self.angle_scale
-        k, b = self.plane(torch.asinh(z), torch.log1p(y.square()))
-        return 0.5 * (k.to(q.dtype) * z.square() + b.to(q.dtype) * y.square())
+        return self.law.potential(q * q.new_tensor([1.0, 0.0]))
+

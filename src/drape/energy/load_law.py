@@ -6,10 +6,11 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from drape.energy.baked_file import read_baked
-from drape.energy.baked_law import BakedLaw
+from drape.energy.baked_hinges import BakedHinges, read_baked
 from drape.energy.checkpoint import load_energy, read_checkpoint
 from drape.energy.edge_law import NetworkLaw
+from drape.energy.hinge_law import NetworkHinges
+from drape.energy.potential_hinge import HingePotential
 from drape.errors import DrapeError
 from drape.scene.material import ATTRIBUTES, Material, attribute_vector
 
@@ -17,7 +18,9 @@ SAME = 1e-6
 """Relative difference of a setting up to which a fabric is the one that was baked."""
 
 
-def load_law(checkpoint: str, material: Material) -> tuple[NetworkLaw, Float[Tensor, " attributes"]]:
+def load_law(
+    checkpoint: str, material: Material
+) -> tuple[NetworkLaw | NetworkHinges, Float[Tensor, " attributes"]]:
     """The law that a checkpoint of ``train.py`` holds, and the vector **a** of the fabric in its scales.
 
     Raises:
@@ -34,14 +37,17 @@ def load_law(checkpoint: str, material: Material) -> tuple[NetworkLaw, Float[Ten
     face_area = _mean_area(example["rest_positions"], example["faces"])
     scales = content["config"]["datamodule"]["attribute_scales"]
     attributes = torch.tensor(attribute_vector(material.attributes, scales), dtype=torch.float64)
-    return NetworkLaw(load_energy(checkpoint), face_area, example["window"]["dt"]), attributes
+    energy, dt = load_energy(checkpoint), example["window"]["dt"]
+    if isinstance(energy.potential, HingePotential):
+        return NetworkHinges(energy, attributes, face_area, dt), attributes
+    return NetworkLaw(energy, face_area, dt), attributes
 
 
-def load_baked(table: str, material: Material) -> tuple[BakedLaw, Float[Tensor, " attributes"]]:
+def load_baked(table: str, material: Material) -> tuple[BakedHinges, Float[Tensor, " attributes"]]:
     """The law that a table of ``bake.py`` holds, and the vector **a** that it was baked for.
 
     Raises:
-        DrapeError: see :func:`drape.energy.baked_file.read_baked`; or the table is of another fabric, by its name or
+        DrapeError: see :func:`drape.energy.baked_hinges.read_baked`; or the table is of another fabric, by its name or
             by its settings.
     """
     law = read_baked(table)

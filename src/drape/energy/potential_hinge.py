@@ -16,8 +16,8 @@ class HingePotential(PotentialUnits):
     """``φp = energy_scale · Σ_k c_k(asinh z_1, ln(1 + z_2²), a)² z_k²``, z = (Δl/stretch_scale, Δθ/angle_scale).
 
     Near rest these are a spring and a hinge, ½kΔl² + ½bΔθ²; the coefficients say how the law departs from that as the
-    edge deforms. φp does not change with the sign of Δθ: a fabric has no preferred side, and turning all faces of a mesh
-    over changes nothing. Zero at rest and never negative, whatever the network says.
+    edge deforms. φp does not change with the sign of Δθ: a fabric has no preferred side, and turning all faces of a
+    mesh over changes nothing. Zero at rest and never negative, whatever the network says.
 
     Args:
         deformation: what the units see of an edge: (Δl, Δθ), or Δl alone.
@@ -36,8 +36,8 @@ class HingePotential(PotentialUnits):
         super().__init__(deformation)
         if not isinstance(deformation, Stretch | StretchHinge):
             raise DrapeError(
-                f"model.potential: hinge units see the stretch and the hinge of an edge; found {type(deformation).__name__}"
-                ", expected model/deformation=stretch_hinge or stretch"
+                "model.potential: hinge units see the stretch and the hinge of an edge; found "
+                f"{type(deformation).__name__}, expected model/deformation=stretch_hinge or stretch"
             )
         size = deformation.size
         self.coefficients = LearnedCoefficients(size, size, width, start=1.0)
@@ -49,5 +49,10 @@ class HingePotential(PotentialUnits):
     ) -> Float[Tensor, " edges"]:
         z = inputs / inputs.new_tensor(self.scales)
         seen = torch.cat([torch.asinh(z[:, :1]), torch.log1p(z[:, 1:].square())], -1)
-        coefficients = self.coefficients(seen, attributes).double()
-        return self.energy_scale * (coefficients * z).square().sum(-1)
+        return 0.5 * (self.stiffness(seen, attributes) * z.square()).sum(-1)
+
+    def stiffness(
+        self, seen: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]
+    ) -> Float[Tensor, "edges inputs"]:
+        """``2 energy_scale c²`` [J] where (asinh z_1, ln(1 + z_2²)) are ``seen``."""
+        return 2.0 * self.energy_scale * self.coefficients(seen, attributes).double().square()

@@ -1,4 +1,4 @@
-"""Quadratic forms whose coefficients are learned: the well-conditioned skeleton of the stable energy units."""
+"""Coefficients of quadratic energies that are learned: the well-conditioned skeleton of energy units."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drape.scene.material import ATTRIBUTES
 class FabricCoefficients(nn.Module):
     """Coefficients that depend on the fabric alone, by a network of two hidden layers of ``4 √a``.
 
-    Stiffnesses of fabrics span two decades, and the coefficients of :func:`squared_norm` are square roots of them: in
+    Stiffnesses of fabrics span two decades, and coefficients are square roots of them: in
     √a soft fabrics lie as far apart as stiff ones, and the main coefficient is nearly linear.
     """
 
@@ -50,12 +50,3 @@ class LearnedCoefficients(nn.Module):
         seen = torch.cat([z, attributes], -1).to(self.bent[0].weight.dtype)
         return self.base(attributes) + self.bent(seen)
 
-
-def squared_norm(
-    lower: Float[Tensor, "edges entries"], z: Float[Tensor, "edges size"]
-) -> Float[Tensor, " edges"]:
-    """``|Lᵀ z|²`` with the lower-triangular L given by its entries, row by row: never negative, zero at ``z = 0``."""
-    size = z.shape[-1]
-    rows, columns = torch.tril_indices(size, size, device=z.device)
-    full = lower.new_zeros(*lower.shape[:-1], size * size).index_copy(-1, rows * size + columns, lower)
-    return (full.unflatten(-1, (size, size)) * z[..., :, None]).sum(-2).square().sum(-1)

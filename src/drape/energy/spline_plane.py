@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.ndimage import spline_filter1d
 from torch import Tensor, nn
 
-from drape.energy.cubic_spline import MARGIN, basis, clamped, coefficients, whole
+MARGIN = 3
+"""How often the outermost coefficients are repeated: beyond, the spline is constant, and C² on the way there."""
 
 
 class SplinePlane(nn.Module):
-    """S(u, v) with nodes at ``(first_u + i) step_u`` and ``(first_v + j) step_v``; C², constant far outside.
+    """S(u, v) >= 0 with nodes at ``(first_u + i) step_u`` and ``(first_v + j) step_v``; C², constant far outside.
 
     In memory each row holds the 4 x 4 coefficients around a cell, of the first spline, then of the second.
     """
@@ -23,7 +25,7 @@ class SplinePlane(nn.Module):
         self.first, self.step = tuple(first), tuple(step)
         self.nodes = values.shape[1:]
         self.values = values
-        each = np.stack([coefficients(one) for one in values])
+        each = np.stack([coefficients(one) for one in values]).clip(min=0.0)  # so that no spline is negative anywhere
         padded = np.pad(each, ((0, 0), (MARGIN, MARGIN), (MARGIN, MARGIN)), mode="edge")
         windows = np.lib.stride_tricks.sliding_window_view(padded, (4, 4), axis=(1, 2))
         taps = np.ascontiguousarray(windows.transpose(1, 2, 0, 3, 4).reshape(-1, 32))
@@ -39,5 +41,32 @@ class SplinePlane(nn.Module):
         columns = self.nodes[1] + 2 * MARGIN - 3
         rows = (whole(cell_x) + (MARGIN - 1)) * columns + whole(cell_y) + (MARGIN - 1)
         taps = self.taps[rows].to(u.dtype).view(-1, 2, 4, 4)
-        weights = [torch.stack(basis(part, 1)[0], -1) for part in (x - cell_x, y - cell_y)]
+        weights = [basis(part) for part in (x - cell_x, y - cell_y)]
         return torch.einsum("epij,ei,ej->pe", taps, *weights).unbind(0)
+
+
+def coefficients(values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Coefficients of the tensor-product spline through ``values`` at unit distance.
+
+    Its ends have slope zero; what that costs fades within eight nodes.
+    """
+    for axis in range(values.ndim):
+        values = spline_filter1d(values, 3, axis, mode="mirror")
+    return values
+
+
+def basis(f: Float[Tensor, " edges"]) -> Float[Tensor, "edges 4"]:
+    """The weights of the four coefficients around the place ``f`` in [0, 1] of a cell of unit length."""
+    g = 1.0 - f
+    low, high = (0.5 * f - 1.0) * f * f + 2.0 / 3.0, (0.5 * g - 1.0) * g * g + 2.0 / 3.0
+    return torch.stack([g**3 / 6.0, low, high, f**3 / 6.0], -1)
+
+
+def clamped(x: Float[Tensor, " edges"], nodes: int) -> Float[Tensor, " edges"]:
+    """``x``, counted in nodes from the first, with everything outside moved to where the spline is constant."""
+    return x.clamp(1 - MARGIN, nodes + MARGIN - 2.001)
+
+
+def whole(cell: Float[Tensor, "*edges"]) -> Int[Tensor, "*edges"]:
+    """The number of a cell; 0 for what is not a number, so that it cannot be looked up anywhere else."""
+    return cell.nan_to_num().int()

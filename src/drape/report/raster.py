@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from drape.energy.baked_kernel_vectors import compiled
+from drape.energy.compiled import compiled
 from drape.scene.camera import Camera
 
 BACKGROUND = 0.97

@@ -1,0 +1,223 @@
+"""The elastic energy of a cloth by a law of springs and hinges, and what damps its motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from drape.energy.baked_hinges import BakedHinges
+from drape.energy.edge_scale import EdgeScale
+from drape.energy.hessian import Filled
+from drape.energy.hinge_kernel import BLOCK, Edges, Tables, add_hessian, energies_and_forces
+from drape.energy.hinge_law import HingeLaw
+from drape.energy.step import Step
+from drape.energy.term import EnergyTerm, Stencils
+from drape.scene.corners import Corners, dot
+from drape.scene.geometry import TINY
+from drape.scene.mesh_batch import MeshBatch
+from drape.scene.rest_shape import HingeShape
+
+DEGENERATE = 0.25
+"""Below this cos² + sin² one of the two faces has no area and the angle counts as unchanged."""
+
+
+class HingeEdges:
+    """The edges of a mesh with their four corners: both ends, then what lies opposite in both faces.
+
+    On a boundary the only opposite corner stands twice, and the angle does not count.
+    """
+
+    def __init__(self, mesh: MeshBatch, face_area: float | None):
+        self.mesh = mesh
+        opposite = mesh.faces[mesh.edge_faces].sum(-1) - mesh.edges.sum(-1, keepdim=True)
+        self.corners = Corners.of(torch.cat([mesh.edges, opposite], -1))
+        self.smallest = TINY * float(mesh.length_scale)
+        rest = HingeShape(self.corners.gather(mesh.rest_positions), 0.0)
+        self.inner = (~mesh.boundary).double()
+        self.rest_angle = torch.atan2(rest.sine, rest.cosine) * self.inner
+        scale = None if face_area is None else EdgeScale(mesh, face_area)
+        same = scale is None or scale.same
+        self.size = torch.ones_like(mesh.rest_lengths) if same else scale.rest
+        self.share = torch.ones_like(mesh.rest_lengths) if same else scale.share
+
+    def compiled(self) -> Edges:
+        """As the kernels need them."""
+        count = self.mesh.num_edges
+        padded = -(-count // BLOCK) * BLOCK
+
+        def filled(values: Tensor, fill: float) -> np.ndarray:
+            full = np.full((padded, *values.shape[1:]), fill, values.numpy().dtype)
+            full[:count] = values.numpy()
+            return full
+
+        return Edges(
+            corners=filled(self.corners.vertices.int(), 0),
+            inner=filled(self.inner, 0.0),
+            rest_length=filled(self.mesh.rest_lengths.double(), 0.0),
+            rest_angle=filled(self.rest_angle, 0.0),
+            size=filled(self.size.double(), 1.0),
+            share=filled(self.share.double(), 0.0),
+            smallest=self.smallest,
+        )
+
+
+class HingeElastic(EnergyTerm):
+    """``Φp = Σ_edges w S² φp(Δl/S, Δθ/S)`` [J]: springs along edges, hinges across them.
+
+    ``transfer=False``: w = S = 1. ``transfer=True``: the S and w of :class:`EdgeScale` at rest, with which equal strain
+    and curvature cost equal energy per area at any resolution.
+    """
+
+    name = "elastic"
+
+    def __init__(self, law: HingeLaw, *, transfer: bool):
+        super().__init__()
+        self.law, self.transfer = law, transfer
+        self._edges: HingeEdges | None = None
+        self._kernel: tuple[Edges, Tables] | None = None
+
+    def edges(self, mesh: MeshBatch) -> HingeEdges:
+        """Those of a mesh; kept for the next time."""
+        if self._edges is None or self._edges.mesh is not mesh:
+            self._edges, self._kernel = HingeEdges(mesh, self.law.face_area if self.transfer else None), None
+        return self._edges
+
+    def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
+        edges = self.edges(step.mesh)
+        q, _ = _deformation(x_next, edges)
+        size = edges.size.to(q.dtype)
+        energy = edges.share.to(q.dtype) * size.square() * self.law.potential((q / size).T)
+        return step.sum_stencils(energy, step.mesh.edges[:, 0])
+
+    def energy_and_gradient(
+        self, x_next: Float[Tensor, "vertices 3"], step: Step
+    ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
+        edges = self.edges(step.mesh)
+        if self._compiles(x_next):
+            energy, gradient = energies_and_forces(_array(x_next), *self._compiled())
+            energy = torch.from_numpy(energy[: step.mesh.num_edges])
+            return step.sum_stencils(energy, step.mesh.edges[:, 0]), torch.from_numpy(gradient).to(x_next.dtype)
+        q, shape = _deformation(x_next.detach(), edges)
+        size, share = edges.size.to(q.dtype), edges.share.to(q.dtype)
+        slopes = self.law.slopes((q / size).T)
+        by_length, by_angle = (share * size * slopes.gradient.T).unbind(0)
+        pull = shape.angle_slopes(by_angle)
+        along = (by_length / shape.length) * shape.edge
+        pull[0:3] -= along
+        pull[3:6] += along
+        return step.sum_stencils(share * size.square() * slopes.energy, step.mesh.edges[:, 0]), edges.corners.scatter(
+            pull, len(x_next)
+        )
+
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
+        """``Jᵀ H₊ J + |∂φp/∂l|/l (I - y yᵀ)``, J = ∂(l, θ)/∂x, H₊ the positive part of ∂²φp/∂(l, θ)².
+
+        Compressed edges are about to turn away; their curvature counts by its size, not as none: a solver would leap.
+        """
+        edges, count = self.edges(step.mesh), step.mesh.num_edges
+        if self._compiles(x_next):
+            x, compiled = _array(x_next), self._compiled()
+            return [Filled(edges.corners.vertices, lambda data, places: add_hessian(x, *compiled, count, data, places))]
+        q, shape = _deformation(x_next.detach(), edges)
+        size, share = edges.size.to(q.dtype), edges.share.to(q.dtype)
+        slopes = self.law.slopes((q / size).T)
+        values, vectors = torch.linalg.eigh(share[:, None, None] * slopes.hessian)
+        curvature = (vectors * values.clamp(min=0.0)[:, None]) @ vectors.mT
+        direction = shape.edge / shape.length
+        stretch = torch.cat([-direction, direction, torch.zeros_like(direction), torch.zeros_like(direction)])
+        rows = torch.stack([stretch, shape.angle_slopes(edges.inner.to(q.dtype))])
+        blocks = torch.einsum("ape,eab,bqe->epq", rows, curvature, rows).view(-1, 4, 3, 4, 3)
+        string = (share * size * slopes.gradient[:, 0]).abs() / shape.length
+        across = torch.eye(3, dtype=q.dtype, device=q.device) - direction.T[:, :, None] * direction.T[:, None]
+        across = string[:, None, None] * across
+        for a, b, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1), (1, 0, -1)):
+            blocks[:, a, :, b] += sign * across
+        return [Stencils(edges.corners.vertices, blocks)]
+
+    def _compiles(self, x: Tensor) -> bool:
+        return isinstance(self.law, BakedHinges) and x.device.type == self.law.plane.taps.device.type == "cpu"
+
+    def _compiled(self) -> tuple[Edges, Tables]:
+        if self._kernel is None or self._kernel[1].taps.base is not self.law.plane.taps.numpy().base:
+            law, plane = self.law, self.law.plane
+            tables = Tables(
+                plane.taps.numpy(), *plane.first, *plane.nodes, *plane.step, law.stretch_scale, law.angle_scale
+            )
+            self._kernel = self._edges.compiled(), tables
+        return self._kernel
+
+
+class Damping(EnergyTerm):
+    """``Σ_edges c/(2 dt) ((e' - e)·y)² + Σ_vertices d/(2 dt) |x' - x|²`` [J], e an edge and y its direction at t.
+
+    The axial damper c [kg/s] is that of an edge whatever its length, as that of a spring; the drag d [kg/s] that of a
+    vertex of the mesh learned on, and goes with the area that a vertex has.
+    """
+
+    name = "damping"
+
+    def __init__(self, law: HingeLaw, *, transfer: bool):
+        super().__init__()
+        self.law, self.transfer = law, transfer
+
+    def _drag(self, mesh: MeshBatch) -> float:
+        size = float(mesh.rest_faces.area.mean()) / self.law.face_area if self.transfer else 1.0
+        return self.law.drag * size
+
+    def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
+        moved = x_next - step.x
+        rate, _ = _rates(moved, step)
+        axial = (0.5 * self.law.damper / step.dt) * rate.square()
+        air = (0.5 * self._drag(step.mesh) / step.dt) * moved.square().sum(-1)
+        return step.sum_stencils(axial, step.mesh.edges[:, 0]) + step.mesh.sum_vertices(air)
+
+    def energy_and_gradient(
+        self, x_next: Float[Tensor, "vertices 3"], step: Step
+    ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
+        moved = x_next.detach() - step.x
+        rate, direction = _rates(moved, step)
+        pull, drag = (self.law.damper / step.dt) * rate, self._drag(step.mesh) / step.dt
+        energy = step.sum_stencils(0.5 * pull * rate, step.mesh.edges[:, 0])
+        energy = energy + step.mesh.sum_vertices(0.5 * drag * moved.square().sum(-1))
+        along = pull * direction
+        return energy, drag * moved + step.mesh.edge_corners.scatter(torch.stack([-along, along]), len(moved))
+
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
+        """``c/dt y yᵀ`` on each edge, ``d/dt`` on each vertex: exact."""
+        _, direction = _rates(torch.zeros_like(step.x), step)
+        block = (self.law.damper / step.dt) * direction.T[:, :, None] * direction.T[:, None]
+        signs = torch.tensor([[1.0, -1.0], [-1.0, 1.0]], dtype=block.dtype, device=block.device)
+        identity = torch.eye(3, dtype=block.dtype, device=block.device) * (self._drag(step.mesh) / step.dt)
+        everyone = torch.arange(len(step.x), device=block.device)[:, None]
+        return [
+            Stencils(step.mesh.edges, signs[:, None, :, None] * block[:, None, :, None]),
+            Stencils(everyone, identity[None, None, :, None].expand(len(step.x), 1, 3, 1, 3)),
+        ]
+
+
+def _deformation(x: Tensor, edges: HingeEdges) -> tuple[Float[Tensor, "2 edges"], HingeShape]:
+    shape = HingeShape(edges.corners.gather(x), edges.smallest)
+    flat = (shape.cosine.square() + shape.sine.square() < DEGENERATE) | edges.mesh.boundary
+    angle = torch.atan2(shape.sine.masked_fill(flat, 0.0), shape.cosine.masked_fill(flat, 1.0))
+    angle = (angle - edges.rest_angle.to(x.dtype)).masked_fill(flat, 0.0)
+    angle = angle - 2.0 * torch.pi * torch.round(angle.detach() / (2.0 * torch.pi))
+    return torch.stack([shape.length - edges.mesh.rest_lengths.to(x.dtype), angle]), shape
+
+
+def _rates(moved: Float[Tensor, "vertices 3"], step: Step) -> tuple[Float[Tensor, " edges"], Float[Tensor, "3 edges"]]:
+    """``(e' - e)·y`` [m] and y."""
+    direction = step.once("directions", lambda: _directions(step))
+    first, second = step.mesh.edge_corners.gather(moved)
+    return dot(second - first, direction), direction
+
+
+def _directions(step: Step) -> Float[Tensor, "3 edges"]:
+    first, second = step.mesh.edge_corners.gather(step.x)
+    vector = second - first
+    return vector / (dot(vector, vector) + (TINY * step.mesh.length_scale.to(vector)) ** 2).sqrt()
+
+
+def _array(x: Tensor) -> np.ndarray:
+    return x.detach().double().contiguous().numpy()
