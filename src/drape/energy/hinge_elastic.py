@@ -86,6 +86,8 @@ class HingeElastic(EnergyTerm):
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         edges = self.edges(step.mesh)
+        if self._compiles(x_next):
+            return _Compiled.apply(x_next, self, step)
         q, _ = _deformation(x_next, edges)
         size = edges.size.to(q.dtype)
         energy = edges.share.to(q.dtype) * size.square() * self.law.potential((q / size).T)
@@ -149,6 +151,21 @@ class HingeElastic(EnergyTerm):
         return self._kernel
 
 
+class _Compiled(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, x_next, term, step):
+        energy, gradient = term.energy_and_gradient(x_next, step)
+        ctx.mesh_of_vertex = step.mesh.mesh_of_vertex
+        ctx.save_for_backward(gradient)
+        return energy
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, upstream):
+        (gradient,) = ctx.saved_tensors
+        return upstream.to(gradient.dtype)[ctx.mesh_of_vertex, None] * gradient, None, None
+
+
 class Damping(EnergyTerm):
     """``Σ_edges c/(2 dt) ((e' - e)·y)² + Σ_vertices d/(2 dt) |x' - x|²`` [J], e an edge and y its direction at t.
 
@@ -162,15 +179,23 @@ class Damping(EnergyTerm):
         super().__init__()
         self.law, self.transfer = law, transfer
 
-    def _drag(self, mesh: MeshBatch) -> float:
-        size = float(mesh.rest_faces.area.mean()) / self.law.face_area if self.transfer else 1.0
-        return self.law.drag * size
+    def _drag(self, step: Step) -> Float[Tensor, "vertices 1"]:
+        """d/dt of each vertex."""
+        return step.once((self, "drag"), lambda: self._drag_at(step.mesh).to(step.x) / step.dt)
+
+    def _drag_at(self, mesh: MeshBatch) -> Float[Tensor, "vertices 1"]:
+        drag = mesh.rest_lengths.new_full((mesh.num_meshes,), self.law.drag)
+        if self.transfer:
+            of_face = mesh.mesh_of_vertex[mesh.faces[:, 0]]
+            total = drag.new_zeros(mesh.num_meshes).index_add(0, of_face, mesh.rest_faces.area)
+            drag = drag * total / (of_face.bincount(minlength=mesh.num_meshes) * self.law.face_area)
+        return drag[mesh.mesh_of_vertex, None]
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         moved = x_next - step.x
         rate, _ = _rates(moved, step)
         axial = (0.5 * self.law.damper / step.dt) * rate.square()
-        air = (0.5 * self._drag(step.mesh) / step.dt) * moved.square().sum(-1)
+        air = 0.5 * (self._drag(step) * moved.square()).sum(-1)
         return step.sum_stencils(axial, step.mesh.edges[:, 0]) + step.mesh.sum_vertices(air)
 
     def energy_and_gradient(
@@ -178,22 +203,22 @@ class Damping(EnergyTerm):
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
         moved = x_next.detach() - step.x
         rate, direction = _rates(moved, step)
-        pull, drag = (self.law.damper / step.dt) * rate, self._drag(step.mesh) / step.dt
+        pull, drag = (self.law.damper / step.dt) * rate, self._drag(step) * moved
         energy = step.sum_stencils(0.5 * pull * rate, step.mesh.edges[:, 0])
-        energy = energy + step.mesh.sum_vertices(0.5 * drag * moved.square().sum(-1))
+        energy = energy + step.mesh.sum_vertices(0.5 * (drag * moved).sum(-1))
         along = pull * direction
-        return energy, drag * moved + step.mesh.edge_corners.scatter(torch.stack([-along, along]), len(moved))
+        return energy, drag + step.mesh.edge_corners.scatter(torch.stack([-along, along]), len(moved))
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
         """``c/dt y yᵀ`` on each edge, ``d/dt`` on each vertex: exact."""
         _, direction = _rates(torch.zeros_like(step.x), step)
         block = (self.law.damper / step.dt) * direction.T[:, :, None] * direction.T[:, None]
         signs = torch.tensor([[1.0, -1.0], [-1.0, 1.0]], dtype=block.dtype, device=block.device)
-        identity = torch.eye(3, dtype=block.dtype, device=block.device) * (self._drag(step.mesh) / step.dt)
+        identity = torch.eye(3, dtype=block.dtype, device=block.device) * self._drag(step)[:, None]
         everyone = torch.arange(len(step.x), device=block.device)[:, None]
         return [
             Stencils(step.mesh.edges, signs[:, None, :, None] * block[:, None, :, None]),
-            Stencils(everyone, identity[None, None, :, None].expand(len(step.x), 1, 3, 1, 3)),
+            Stencils(everyone, identity[:, None, :, None]),
         ]
 
 
