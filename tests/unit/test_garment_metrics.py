@@ -19,6 +19,7 @@ from drape.metrics.drift import energy_drift, momentum_drift
 from drape.metrics.evaluation_record import EvaluationRecord
 from drape.metrics.garment_metric import GarmentMetric
 from drape.metrics.garment_scores import SCORES, AnimatedGarment, frame_scores, sequence_scores
+from drape.metrics.hem import hem_angle, hem_corners
 from drape.metrics.self_intersection import self_intersecting
 from drape.scene.grid import square_grid
 from drape.scene.mesh_batch import MeshBatch
@@ -228,3 +229,28 @@ def test_a_record_comes_back_as_it_was_and_others_are_refused(tmp_path):
     (tmp_path / "metrics.json").write_text('{"format": "drape run", "version": 1}')
     with pytest.raises(DrapeError, match="format and version are .*drape run.* expected .*drape evaluation"):
         EvaluationRecord.load(tmp_path)
+
+
+def test_hems_are_as_jagged_as_they_were_made():
+    """A level sheet whose boundary vertices stand up and down in turn: the angles of a zigzag, and none at rest."""
+    mesh = square_grid(1.0, 11)
+    corners = hem_corners(mesh)
+    assert len(corners) == 40
+    assert set(corners[:, 1].tolist()) == set(mesh.edges[mesh.boundary].ravel().tolist())
+    rest = mesh.rest_positions.astype(float)
+    straight = hem_angle(rest[None], mesh)[0]
+    assert straight == pytest.approx(np.sqrt(4 * (np.pi / 2) ** 2 / 40))
+    jagged = rest.copy()
+    around = [int(corners[0, 1])]
+    follow = {int(here): (int(before), int(after)) for before, here, after in corners}
+    while len(around) < 40:
+        around.append(next(v for v in follow[around[-1]] if v not in around[-2:] and v not in around))
+    jagged[around, 2] += 0.05 * (-1.0) ** np.arange(40)
+    expected = 2 * np.arctan(0.1 / 0.1)
+    assert hem_angle(jagged[None], mesh)[0] == pytest.approx(expected, rel=0.05)
+    assert np.isnan(hem_angle(np.zeros((1, 4, 3)), tetrahedron())).all()
+
+
+def tetrahedron() -> ClothMesh:
+    x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
+    return ClothMesh.from_faces(x, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))

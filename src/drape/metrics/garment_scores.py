@@ -12,6 +12,7 @@ from drape.contact.penetration import Penetration
 from drape.data.motion import edge_strain
 from drape.metrics.collision import behind_nearest_vertex
 from drape.metrics.drift import energy_drift, momentum_drift
+from drape.metrics.hem import hem_angle
 from drape.metrics.position import distance_by_frame
 from drape.metrics.self_intersection import self_intersecting
 from drape.scene.scene import Scene
@@ -25,6 +26,7 @@ SCORES = {
     "self_intersection_percent": "faces that pass through other faces",
     "stretch": "mean length of an edge over its rest length",
     "stretch_p99": "length of an edge over its rest length, 99th percentile",
+    "hem_times": "angle between neighbouring edges of hems, root mean square, over the recorded one",
     "energy_drift_J_per_kg": "kinetic and gravitational energy against the recorded, absolute",
     "momentum_drift_m_per_s": "velocity of the centre of mass against the recorded, absolute",
 }
@@ -64,6 +66,7 @@ def frame_scores(garment: AnimatedGarment) -> dict[str, Float[np.ndarray, " fram
         "self_intersection_percent": 100 * np.array(through),
         "stretch": stretch.mean(axis=1),
         "stretch_p99": np.percentile(stretch, 99, axis=1),
+        "hem_times": hem_angle(x[1:], scene.mesh) / hem_angle(garment.reference[1:], scene.mesh),
         "energy_drift_J_per_kg": energy_drift(x, garment.reference, scene.dt, scene.gravity),
         "momentum_drift_m_per_s": momentum_drift(x, garment.reference, scene.dt),
     }

@@ -29,10 +29,11 @@ COLUMNS = {
     "self_intersection_percent": "crossed [%]",
     "stretch": "stretch",
     "stretch_p99": "99 %",
+    "hem_times": "hems",
     "ms_per_frame": "ms/frame",
 }
 """Score -> column of the table of one evaluation."""
-SHOWN = ("collision_percent", "inside_percent", "ms_per_frame")
+SHOWN = ("collision_percent", "inside_percent", "hem_times", "ms_per_frame")
 """Columns of the comparison beside the errors."""
 WITH_SPREAD = ("error_mm", "floor_mm", "collision_percent")
 """What the paper gives with its standard deviation."""
@@ -60,7 +61,7 @@ def kinds_table(record: EvaluationRecord) -> Table:
         "and frames of a sequence, then mean ± standard deviation over sequences (their number in brackets). Floors: "
         "error in units of the noise floor; collision: behind the nearest vertex of the body, as the paper counts; "
         "inside: by signed distance; crossed: faces that pass through others; stretch: of edges, mean and 99th "
-        "percentile."
+        "percentile; hems: angle between neighbouring edges of the boundary, over the recorded one."
     )
     return Table(str(record.method["name"]), columns, rows, note)
 
