@@ -214,6 +214,8 @@ def test_a_fabric_that_was_not_there_is_refused():
         law(window([0, 1]))
     with pytest.raises(DrapeError, match="nothing moves"):
         SpringHingeLaw.fit([], num_fabrics=2)
+    with pytest.raises(DrapeError, match="nothing moves"):
+        SpringHingeLaw.fit([frames_of(square_grid(1.0, 3))], num_fabrics=2)
 
 
 def in_a_scene(law: SpringHingeLaw, moving: Window) -> torch.Tensor:

@@ -14,7 +14,7 @@ from drape.energy.baked_hinges import BakedHinges
 from drape.energy.deformation import StretchHinge
 from drape.energy.spline_plane import SplinePlane
 from drape.errors import DrapeError
-from drape.scene.geometry import EdgeGeometry
+from drape.scene.geometry import TINY, EdgeGeometry
 from drape.scene.material import ATTRIBUTES, Material
 
 COEFFICIENTS = (
@@ -39,14 +39,14 @@ class SpringHingeLaw(nn.Module):
     """Forces of edges that are springs and of inner edges that are hinges, seven coefficients for each fabric.
 
     With the energies ``Σ ½Δl²`` of edges and ``Σ ½Δθ²`` of inner edges, Δl and Δθ being the changes of length [m] and
-    dihedral angle [rad] from rest, and their forces ``s = -∂/∂x Σ½Δl²`` and ``h = -∂/∂x Σ½Δθ²``, the force on a vertex
-    between recorded frames t-1, t, t+1 is
+    dihedral angle [rad] from rest, and their forces ``s = -∂/∂x Σ½Δl²`` and ``h = -∂/∂x Σ½Δθ²``, the force on vertex i
+    in the equation of motion of recorded frames t-1, t, t+1 is
 
-        f = k₀ s(t) + k₊ s(t+1) + b₋ h(t-1) + b₀ h(t) + b₊ h(t+1) + c Σ_edges ((v_j - v_i)·y) y - d v   [N]
+        f_i = k₀ s(t) + k₊ s(t+1) + b₋ h(t-1) + b₀ h(t) + b₊ h(t+1) + c Σ_j ((v_j - v_i)·y) y - d v_i   [N]
 
-    with ``v = (x(t+1) - x(t))/dt``, y the direction of the edge at t, the axial damper c and the drag d [kg/s]. That
-    forces of several frames act is the recorder's doing (:class:`drape.energy.timing.Timing`); the spring constant of
-    the fabric is ``k₀ + k₊`` [N/m], the stiffness of its hinges ``b₋ + b₀ + b₊`` [J].
+    with ``v = (x(t+1) - x(t))/dt``, the other ends j of its edges and their directions y at t, the axial damper c and
+    the drag d [kg/s]. That forces of several frames act is the recorder's doing (:class:`drape.energy.timing.Timing`);
+    the spring constant of the fabric is ``k₀ + k₊`` [N/m], the stiffness of its hinges ``b₋ + b₀ + b₊`` [J].
     """
 
     coefficients: Float[Tensor, "fabrics 7"]
@@ -74,7 +74,7 @@ class SpringHingeLaw(nn.Module):
         coefficients = torch.full((num_fabrics, len(COEFFICIENTS)), torch.nan, dtype=torch.float64)
         for number, parts in seen.items():
             basis, force = (torch.cat(part) for part in zip(*parts, strict=True))
-            if bool(basis.any()):
+            if bool((basis.abs() > TINY).any()):
                 coefficients[number] = least_distances(basis, force)
         if bool(coefficients.isnan().all()):
             raise DrapeError("spring-hinge law: nothing moves in the training windows; expected moving cloth to fit it")
