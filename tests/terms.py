@@ -18,13 +18,15 @@ from drape.energy.elastic import ElasticEnergy
 from drape.energy.external import ExternalForce
 from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
+from drape.energy.hinge_elastic import Damping, HingeElastic
+from drape.energy.hinge_law import HingeLaw
 from drape.energy.inertia import Inertia
-from drape.energy.mass_spring import MassSpringLaw
-from drape.energy.springs import SpringEnergy
+from drape.energy.spring_hinge import SpringHingeLaw
 from drape.energy.step import ObstacleStep, Step
 from drape.energy.stvk import StVK
 from drape.energy.term import EnergyTerm, Stencils
 from drape.scene.grid import square_grid
+from drape.scene.material import Material
 from drape.scene.mesh import ClothMesh
 from drape.scene.mesh_batch import MeshBatch
 from tests.conftest import bent
@@ -60,9 +62,22 @@ def law() -> NetworkLaw:
     return NetworkLaw(make_energy("stable", "rate"), face_area=0.02, dt=0.05)
 
 
-def springs() -> SpringEnergy:
-    constants = torch.tensor([[300.0, 200.0, 20.0, 2.0, -1.0, 0.5, 0.3]], dtype=torch.float64)
-    return SpringEnergy(MassSpringLaw(constants), 0)
+class ByTensors(HingeLaw):
+    """A law that is also there compiled, without that."""
+
+    def __init__(self, law: HingeLaw):
+        super().__init__(law.face_area, law.damper, law.drag)
+        self.law = law
+
+    def potential(self, q: Tensor) -> Tensor:
+        return self.law.potential(q)
+
+
+def spring_hinge() -> HingeLaw:
+    """A spring-hinge law of a mesh with longer edges than those of :func:`make_step`."""
+    constants = torch.tensor([[300.0, 200.0, 0.1, 2.0, 0.4, 1.5, 0.3]], dtype=torch.float64)
+    silk = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
+    return ByTensors(SpringHingeLaw(constants).of_fabric(0, silk, face_area=0.02))
 
 
 TERMS = {
@@ -74,7 +89,9 @@ TERMS = {
     "elastic": Member(lambda: ElasticEnergy(law(), transfer=False), elastic=True),
     "elastic, transferred": Member(lambda: ElasticEnergy(law(), transfer=True), elastic=True),
     "dissipation": Member(lambda: Dissipation(law())),
-    "springs": Member(springs),
+    "spring_hinge": Member(lambda: HingeElastic(spring_hinge(), transfer=False), elastic=True, exact=stretched),
+    "spring_hinge, transferred": Member(lambda: HingeElastic(spring_hinge(), transfer=True), elastic=True),
+    "damping": Member(lambda: Damping(spring_hinge(), transfer=False), exact=anywhere),
     "contact_paper": Member(lambda: PaperContact(thickness=0.05), exact=anywhere),
     "contact_surface": Member(lambda: SurfaceContact(thickness=0.05), exact=anywhere),
     "friction": Member(lambda: Friction(0.5, SurfaceContact(thickness=0.05)), exact=anywhere),

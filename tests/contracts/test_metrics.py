@@ -9,7 +9,7 @@ import torch
 from drape.data.windows import Window
 from drape.energy.deformation import StretchBending
 from drape.energy.eunet import EUNet
-from drape.energy.mass_spring import MassSpringLaw
+from drape.energy.spring_hinge import SpringHingeLaw
 from drape.energy.step_energies import StepEnergies
 from drape.energy.units import DissipationUnits, PotentialUnits
 from drape.metrics.family import energy_metrics
@@ -85,7 +85,7 @@ def pick(batch: Window, meshes: list[int]) -> Window:
 
 BATCH = window([0, 1, 1, 3, 0, 3, 3], seed=3)
 """Leather twice, denim never."""
-LAW = MassSpringLaw.fit([window([0, 1, 3, 2], seed=k) for k in range(3)], len(FABRICS))
+LAW = SpringHingeLaw.fit([window([0, 1, 3, 2], seed=k) for k in range(3)], len(FABRICS))
 
 
 def family() -> dict:
@@ -173,4 +173,4 @@ def test_the_family_gives_one_flat_dictionary():
     for name in METRICS:
         separate |= evaluate(family()[name], [BATCH]).compute()
     assert dict(result) == close(separate)
-    assert "mass_spring" not in energy_metrics(FABRICS)
+    assert "spring_hinge" not in energy_metrics(FABRICS)

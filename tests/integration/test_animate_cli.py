@@ -79,18 +79,18 @@ def test_recorded_frames_are_compared_with(animate, data):
 
 def test_every_law_bends_and_resists(animate, data, tmp_path):
     """The same scene by each law: table and network agree closely, others are other fabrics."""
-    laws = ("eunet", "eunet_baked", "eunet_baked_garment", "phys", "mass_spring")
+    laws = ("eunet", "eunet_baked", "eunet_baked_garment", "phys", "spring_hinge")
     assert {path.stem for path in (CONF / "energy").glob("*.yaml")} == set(laws)
     ends = {}
     for law in laws:
-        extra = [f"energy.path={data}"] if law == "mass_spring" else []
+        extra = [f"energy.path={data}"] if law == "spring_hinge" else []
         done = animate(*HANGING, "scene.frames=3", f"energy={law}", *extra, f"folder={tmp_path}/{law}")
         assert done.code == 0, done.err
         with animation(tmp_path / law) as file:
             ends[law] = file.x(3)
     travelled = np.linalg.norm(ends["eunet"] - ends["eunet"][0], axis=-1).mean()
     assert np.abs(ends["eunet"] - ends["eunet_baked"]).max() < 1e-3 * travelled
-    for law in ("eunet_baked_garment", "phys", "mass_spring"):
+    for law in ("eunet_baked_garment", "phys", "spring_hinge"):
         assert np.abs(ends["eunet"] - ends[law]).max() > 1e-3 * travelled
 
 

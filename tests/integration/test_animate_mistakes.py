@@ -154,7 +154,7 @@ def test_recorded_data_with_a_hole(animate, tmp_path, data):
     shutil.copy(data, tmp_path / "holes.h5")
     with h5py.File(tmp_path / "holes.h5", "r+") as file:
         file["positions"][2, 3, 4] = np.nan
-    law = ("energy=mass_spring", f"energy.path={tmp_path}/holes.h5")
+    law = ("energy=spring_hinge", f"energy.path={tmp_path}/holes.h5")
     for scene in (("scene=held_out", f"scene.path={tmp_path}/holes.h5"), (*HANGING, *law)):
         assert_says(refused(animate, tmp_path, *scene), "holes.h5: positions: sequence 2, frame 3: .*not finite")
 

@@ -128,7 +128,7 @@ def test_batch_size_of_the_test_does_not_change_the_metrics(run, data, tmp_path)
     other = trained(data, tmp_path, f"model={model}", KILL, "scale.eval_batch_size=7")
     assert other.returncode == 0, other.stderr
     for name, value in metrics(folder).items():
-        if name.startswith(("energy_error", "force_residual", "mass_spring")):
+        if name.startswith(("energy_error", "force_residual", "spring_hinge")):
             assert metrics(tmp_path)[name] == pytest.approx(value, rel=1e-5)
 
 

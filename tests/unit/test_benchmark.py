@@ -147,7 +147,7 @@ def test_the_trade_is_a_sweep_of_held_out_sequences():
     assert measure.name == "trade"
     Composed(config).check(variant.energy for variant in measure.variants)
     assert {v.resolution for v in measure.variants} == {8, 15, 22, 43}
-    assert {v.energy for v in measure.variants} == {"eunet_baked", "eunet", "mass_spring", "phys"}
+    assert {v.energy for v in measure.variants} == {"eunet_baked", "eunet", "spring_hinge", "phys"}
     assert {v.steps for v in measure.variants} == {1, 2, 4}
 
 

@@ -8,13 +8,13 @@ import torch
 from drape.data.windows import Window
 from drape.energy.deformation import StretchBending
 from drape.energy.eunet import EUNet
-from drape.energy.mass_spring import MassSpringLaw
+from drape.energy.spring_hinge import SpringHingeLaw
 from drape.energy.step_energies import StepEnergies
 from drape.energy.units import PotentialUnits
 from drape.errors import DrapeError
 from drape.metrics.contrastive import ContrastiveViolations
 from drape.metrics.energy_error import EnergyError
-from drape.metrics.force import ForceResidual, InertialForce, MassSpringResidual
+from drape.metrics.force import ForceResidual, InertialForce, SpringHingeResidual
 from drape.metrics.rest_state import RestState
 from drape.metrics.stiffness import StretchStiffness, secant
 from drape.scene.geometry import EdgeGeometry
@@ -132,13 +132,13 @@ def test_pinned_vertices_do_not_count():
     assert metric.compute()["inertial_force_N/silk"] == pytest.approx(0.3 * 9.81)
 
 
-def test_mass_spring_residual_is_that_of_the_law():
+def test_spring_hinge_residual_is_that_of_the_law():
     moving = window([0, 1])
-    law = MassSpringLaw.fit([moving], num_fabrics=2)
-    metric = MassSpringResidual(FABRICS, law)
+    law = SpringHingeLaw.fit([moving], num_fabrics=2)
+    metric = SpringHingeResidual(FABRICS, law)
     metric.update(step(moving))
     residual = law.force_residual(moving).norm(dim=-1)[moving.free]
-    assert metric.compute()["mass_spring_residual_N/overall"] == pytest.approx(residual.mean().item())
+    assert metric.compute()["spring_hinge_residual_N/overall"] == pytest.approx(residual.mean().item())
 
 
 def test_rest_state_of_springs_that_prefer_another_length():

@@ -40,8 +40,8 @@ def record(ablation: str, seed: int, *, loss: str = "paper", width: int = 128, *
             "force_residual_N/overall": 0.7,
             "inertial_force_N/silk": 1.5,
             "inertial_force_N/overall": 5.0,
-            "mass_spring_residual_N/silk": 0.2,
-            "mass_spring_residual_N/overall": 1.2,
+            "spring_hinge_residual_N/silk": 0.2,
+            "spring_hinge_residual_N/overall": 1.2,
             "stretch_stiffness_ratio/silk": 0.9,
         }
         | metrics,
@@ -101,7 +101,7 @@ def test_another_model_comes_last_under_its_own_name():
 
 def test_force_table_begins_with_nothing_and_the_law():
     table = force_table(_found(RUNS))
-    assert [row[0] for row in table.rows[:3]] == ["no internal force", "fitted mass-spring law", "EUNet"]
+    assert [row[0] for row in table.rows[:3]] == ["no internal force", "fitted spring-hinge law", "EUNet"]
     assert table.rows[1][2:] == ("1.20", "0.20")
 
 

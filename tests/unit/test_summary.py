@@ -15,7 +15,7 @@ def test_a_line_for_each_fabric_with_its_numbers(tmp_path):
         "blender_stiffness_N_per_m": 17360.0,
         "force_residual_N": 0.125,
         "inertial_force_N": 1.5,
-        "mass_spring_residual_N": 0.2,
+        "spring_hinge_residual_N": 0.2,
         "energy_error_J2": 0.75,
     }
     metrics = {f"{name}/silk": value for name, value in values.items()} | {"inertial_force_N/overall": 3.0}

@@ -18,12 +18,12 @@ from drape.energy.elastic import ElasticEnergy
 from drape.energy.hinge_elastic import Damping, HingeElastic
 from drape.energy.hinge_law import HingeLaw, WithoutHinges
 from drape.energy.load_law import load_baked, load_law
-from drape.energy.mass_spring import MassSpringLaw
-from drape.energy.springs import SpringEnergy
+from drape.energy.spring_hinge import SpringHingeLaw
 from drape.energy.stretch_only import StretchOnly
 from drape.energy.stvk import StVK
 from drape.energy.term import EnergyTerm
 from drape.scene.material import ATTRIBUTES, Material
+from drape.scene.mesh_batch import MeshBatch
 
 
 class Fabric(NamedTuple):
@@ -64,16 +64,19 @@ def phys(shear_modulus: float, first_lame: float, thickness: float, bending_stif
     return Fabric(terms, torch.zeros(len(ATTRIBUTES), dtype=torch.float64))
 
 
-def mass_spring(path: str, windows: int, material: Material) -> Fabric:
-    """The mass-spring law fitted on ``windows`` triplets of frames of the data file at ``path``, all of one fabric.
+def spring_hinge(path: str, windows: int, transfer: bool, material: Material) -> Fabric:
+    """The spring-hinge law fitted on ``windows`` triplets of frames of the data file at ``path``, all of one fabric.
+
+    See :class:`HingeElastic` for ``transfer``.
 
     Raises:
         DrapeError: no such file, or one without this fabric.
     """
     data = TrajectoryDataModule(path, [material.name], 1, 50, dict.fromkeys(ATTRIBUTES, 1.0), seed=None)
-    law = MassSpringLaw.fit(data.spaced_windows(windows, 50), len(data.file.fabrics))
-    fabric = data.file.fabrics.index(material.name)
-    return Fabric([SpringEnergy(law, fabric)], torch.zeros(len(ATTRIBUTES), dtype=torch.float64))
+    fitted = SpringHingeLaw.fit(data.spaced_windows(windows, 50), len(data.file.fabrics))
+    face_area = float(MeshBatch.from_meshes([data.file.mesh]).rest_faces.area.mean())
+    law = fitted.of_fabric(data.file.fabrics.index(material.name), material, face_area)
+    return Fabric(_terms(law, transfer, None), law.attributes)
 
 
 def _terms(law: EdgeLaw | HingeLaw, transfer: bool, deformation: Deformation | None) -> list[EnergyTerm]:

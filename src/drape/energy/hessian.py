@@ -71,7 +71,7 @@ class StencilSum:
         self._vertices: list[Tensor] = []
         self._pattern: _Pattern | None = None
 
-    def upper(self, pieces: Sequence[Piece], num_vertices: int) -> sparse.csr_array:
+    def upper(self, pieces: Sequence[Piece | Filled], num_vertices: int) -> sparse.csr_array:
         """The upper triangle of the sum of ``pieces``, ``3 num_vertices`` square."""
         several = [piece for piece in pieces if piece[0].shape[1] > 1]
         vertices = [piece[0] for piece in several]

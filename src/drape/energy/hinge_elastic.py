@@ -53,7 +53,7 @@ class HingeEdges:
             return full
 
         return Edges(
-            corners=filled(self.corners.vertices.int(), 0),
+            corners=filled(self.corners.vertices.int(), 0.0),
             inner=filled(self.inner, 0.0),
             rest_length=filled(self.mesh.rest_lengths.double(), 0.0),
             rest_angle=filled(self.rest_angle, 0.0),

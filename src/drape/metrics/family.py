@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 from torchmetrics import MetricCollection
 
-from drape.energy.mass_spring import MassSpringLaw
+from drape.energy.spring_hinge import SpringHingeLaw
 from drape.metrics.contrastive import ContrastiveViolations, VertexInequalities
 from drape.metrics.energy_error import EnergyError
-from drape.metrics.force import ForceResidual, InertialForce, MassSpringResidual
+from drape.metrics.force import ForceResidual, InertialForce, SpringHingeResidual
 from drape.metrics.rest_state import RestState
 from drape.metrics.stiffness import StretchStiffness
 
@@ -19,13 +19,13 @@ def energy_metrics(
     *,
     contrastive: VertexInequalities | None = None,
     tension: Mapping[str, float] | None = None,
-    law: MassSpringLaw | None = None,
+    law: SpringHingeLaw | None = None,
 ) -> MetricCollection:
     """The metrics of an energy; ``compute()`` gives one flat dictionary ``quantity_unit/fabric`` -> number.
 
     Always: ``energy_error``, ``force_residual``, ``inertial_force`` and ``rest_state``. ``violations`` needs the
     contrastive loss whose inequalities are counted, ``stretch_stiffness`` Blender's tension stiffness of each fabric,
-    ``mass_spring`` the fitted law; what is not given is not measured.
+    ``spring_hinge`` the fitted law; what is not given is not measured.
     """
     metrics = {
         "energy_error": EnergyError(fabrics),
@@ -38,5 +38,5 @@ def energy_metrics(
     if tension is not None:
         metrics["stretch_stiffness"] = StretchStiffness(fabrics, tension)
     if law is not None:
-        metrics["mass_spring"] = MassSpringResidual(fabrics, law)
+        metrics["spring_hinge"] = SpringHingeResidual(fabrics, law)
     return MetricCollection(metrics, compute_groups=False)

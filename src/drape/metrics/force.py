@@ -1,4 +1,4 @@
-"""How well an energy explains the motion of each vertex, beside no energy at all and beside a mass-spring law."""
+"""How well an energy explains the motion of each vertex, beside no energy at all and beside a spring-hinge law."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.energy.mass_spring import MassSpringLaw
+from drape.energy.spring_hinge import SpringHingeLaw
 from drape.energy.step_energies import StepEnergies
 from drape.metrics.fabric_metric import FabricMetric
 
@@ -55,12 +55,12 @@ class InertialForce(MeanForce):
         return step.window.inertial_force
 
 
-class MassSpringResidual(MeanForce):
-    """The force residual [N] of a mass-spring law fitted on the same training data (FINDINGS 2)."""
+class SpringHingeResidual(MeanForce):
+    """The force residual [N] of a spring-hinge law fitted on the same training data: the bar for a learned law."""
 
-    key = "mass_spring_residual_N"
+    key = "spring_hinge_residual_N"
 
-    def __init__(self, fabrics: Sequence[str], law: MassSpringLaw):
+    def __init__(self, fabrics: Sequence[str], law: SpringHingeLaw):
         super().__init__(fabrics)
         self.law = law
 

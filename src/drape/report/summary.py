@@ -57,12 +57,12 @@ def _energy(run: RunRecord) -> str:
                 "blender_stiffness_N_per_m",
                 "force_residual_N",
                 "inertial_force_N",
-                "mass_spring_residual_N",
+                "spring_hinge_residual_N",
                 "energy_error_J2",
             )
         )
         lines.append(
             f"  {fabric:8} stretching {stiffness:9.3g} N/m (Blender {blender:8.3g})   force residual {forces:6.3g} N "
-            f"(nothing {nothing:.3g}, mass-spring law {law:.3g})   energy error {energy:.3g} J2"
+            f"(nothing {nothing:.3g}, spring-hinge law {law:.3g})   energy error {energy:.3g} J2"
         )
     return "\n".join(lines)

@@ -16,6 +16,8 @@ from drape.report.table import Table, number
 OVER_SEEDS = "Means over seeds, in brackets the range over seeds of the mean."
 OF_PAPER = "– in the paper"
 """Label of the row below ours with the paper's numbers."""
+BASELINES = {"inertial_force_N": "no internal force", "spring_hinge_residual_N": "fitted spring-hinge law"}
+"""What a force residual is compared with."""
 QUANTITIES = {
     "stretch_stiffness_ratio": "Stiffness: ∂²φp/∂Δl² at rest / constant of Blender's springs [1]",
     "stretch_secant_ratio": "Stiffness where the cloth is: fitted slope of ∂φp/∂Δl / constant of Blender's springs [1]",
@@ -90,10 +92,10 @@ def energy_error_table(found: Sequence[Configuration]) -> Table:
 
 
 def force_table(found: Sequence[Configuration]) -> Table:
-    """Mean force residual [N], beside predicting nothing and beside the fitted mass-spring law."""
+    """Mean force residual [N], beside predicting nothing and beside the fitted spring-hinge law."""
     names = columns(found, "force_residual_N")
     rows = []
-    for title, key in (("no internal force", "inertial_force_N"), ("fitted mass-spring law", "mass_spring_residual_N")):
+    for key, title in BASELINES.items():
         runs = Configuration(tuple(run for c in found for run in c.runs))
         cells = [runs.over_seeds(f"{key}/{name}") for name in names]
         if any(cells):

@@ -13,12 +13,11 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from drape.metrics.fabric_metric import OVERALL
 from drape.metrics.record import RunRecord
 from drape.report.runs import Configuration, configurations
-from drape.report.tables import label
+from drape.report.tables import BASELINES, label
 
 ERRORS = {"energy_error_J2": "squared energy error [J²]", "force_residual_N": "force residual [N]"}
 COSTS = {"width": "width of the network", "minutes": "training time [minutes]"}
 STYLES = ("-", "--", ":", "-.")
-BASELINES = {"inertial_force_N": "no internal force", "mass_spring_residual_N": "fitted mass-spring law"}
 
 
 def draw_training_trade(runs: Sequence[RunRecord], path: Path | str, fabric: str = OVERALL) -> Path:

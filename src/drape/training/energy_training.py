@@ -15,7 +15,7 @@ from drape.data.datamodule import TrajectoryDataModule
 from drape.data.windows import Window
 from drape.energy.checkpoint import describe, versions
 from drape.energy.eunet import EUNet
-from drape.energy.mass_spring import MassSpringLaw
+from drape.energy.spring_hinge import SpringHingeLaw
 from drape.energy.step_energies import StepEnergies
 from drape.errors import DrapeError
 from drape.loss.contrastive import Contrastive
@@ -25,7 +25,7 @@ from drape.metrics.family import energy_metrics
 from drape.training.schedule import Schedule
 
 LAW_WINDOWS = 1024
-"""Training windows that the mass-spring law is fitted on, evenly spaced."""
+"""Training windows that the spring-hinge law is fitted on, evenly spaced."""
 METRIC_SIGMA = 1e-5
 """Largest standard deviation of the disturbances whose violations are counted [m]."""
 
@@ -70,8 +70,8 @@ class EnergyTraining(lightning.LightningModule):
 
     @staticmethod
     def supplied(data: TrajectoryDataModule) -> dict[str, object]:
-        """What the data give to the constructor: metrics, among them the bar that a fitted mass-spring law sets."""
-        law = MassSpringLaw.fit(data.spaced_windows(LAW_WINDOWS, data.eval_batch_size), len(data.file.fabrics))
+        """What the data give to the constructor: metrics, among them the bar that a fitted spring-hinge law sets."""
+        law = SpringHingeLaw.fit(data.spaced_windows(LAW_WINDOWS, data.eval_batch_size), len(data.file.fabrics))
         tension = {name: float(material["tension_stiffness"]) for name, material in data.file.materials.items()}
         contrastive = Contrastive(weight=1.0, sigma=METRIC_SIGMA)
         return {"metrics": energy_metrics(data.file.fabrics, contrastive=contrastive, tension=tension, law=law)}

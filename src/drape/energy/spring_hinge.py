@@ -1,0 +1,158 @@
+"""The spring-hinge law fitted to recorded frames: the analytic law that every learned one has to beat."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from drape.data.windows import Window
+from drape.energy.baked_hinges import BakedHinges
+from drape.energy.deformation import StretchHinge
+from drape.energy.spline_plane import SplinePlane
+from drape.errors import DrapeError
+from drape.scene.geometry import TINY, EdgeGeometry
+from drape.scene.material import ATTRIBUTES, Material
+
+COEFFICIENTS = (
+    "spring_now_N_per_m",
+    "spring_next_N_per_m",
+    "hinge_before_J",
+    "hinge_now_J",
+    "hinge_next_J",
+    "damper_kg_per_s",
+    "drag_kg_per_s",
+)
+"""k₀, k₊, b₋, b₀, b₊, c, d of :class:`SpringHingeLaw`."""
+ROUNDS = 15
+"""Of reweighting, at most."""
+SETTLED = 1e-4
+"""Relative change of the coefficients in a round at which the fit ends."""
+FLOOR = 1e-3
+"""Residuals count as at least this share of the mean force of the fabric."""
+
+
+class SpringHingeLaw(nn.Module):
+    """Forces of edges that are springs and of inner edges that are hinges, seven coefficients for each fabric.
+
+    With the energies ``Σ ½Δl²`` of edges and ``Σ ½Δθ²`` of inner edges, Δl and Δθ being the changes of length [m] and
+    dihedral angle [rad] from rest, and their forces ``s = -∂/∂x Σ½Δl²`` and ``h = -∂/∂x Σ½Δθ²``, the force on vertex i
+    in the equation of motion of recorded frames t-1, t, t+1 is
+
+        f_i = k₀ s(t) + k₊ s(t+1) + b₋ h(t-1) + b₀ h(t) + b₊ h(t+1) + c Σ_j ((v_j - v_i)·y) y - d v_i   [N]
+
+    with ``v = (x(t+1) - x(t))/dt``, the other ends j of its edges and their directions y at t, the axial damper c and
+    the drag d [kg/s]. That forces of several frames act is the recorder's doing (:class:`drape.energy.timing.Timing`);
+    the spring constant of the fabric is ``k₀ + k₊`` [N/m], the stiffness of its hinges ``b₋ + b₀ + b₊`` [J].
+    """
+
+    coefficients: Float[Tensor, "fabrics 7"]
+
+    def __init__(self, coefficients: Float[Tensor, "fabrics 7"]):
+        super().__init__()
+        self.register_buffer("coefficients", coefficients)
+
+    @classmethod
+    def fit(cls, windows: Iterable[Window], num_fabrics: int) -> SpringHingeLaw:
+        """Fit the equation of motion ``f = m a - m g`` on the free vertices; see :func:`least_distances`.
+
+        The coefficients of a fabric of which there is no window are NaN.
+
+        Raises:
+            DrapeError: no windows, or nothing moves in them.
+        """
+        seen: dict[int, list[tuple[Tensor, Tensor]]] = {}
+        for window in windows:
+            basis, force = force_basis(window).cpu(), window.inertial_force.cpu()
+            fabric = window.fabric[window.mesh.mesh_of_vertex].masked_fill(~window.free, -1).cpu()
+            for number in set(window.fabric.tolist()):
+                here = fabric == number
+                seen.setdefault(number, []).append((basis[here], force[here]))
+        coefficients = torch.full((num_fabrics, len(COEFFICIENTS)), torch.nan, dtype=torch.float64)
+        for number, parts in seen.items():
+            basis, force = (torch.cat(part) for part in zip(*parts, strict=True))
+            if bool((basis.abs() > TINY).any()):
+                coefficients[number] = least_distances(basis, force)
+        if bool(coefficients.isnan().all()):
+            raise DrapeError("spring-hinge law: nothing moves in the training windows; expected moving cloth to fit it")
+        return cls(coefficients)
+
+    def forward(self, window: Window) -> Float[Tensor, "vertices 3"]:
+        """The force f on each vertex [N].
+
+        Raises:
+            DrapeError: a fabric that the law was not fitted on.
+        """
+        coefficients = self.coefficients[window.fabric]
+        if bool(coefficients.isnan().any()):
+            unknown = sorted(set(window.fabric[coefficients.isnan().any(-1)].tolist()))
+            raise DrapeError(f"spring-hinge law: not fitted on the fabrics number {unknown}; fit it on data with them")
+        coefficients = coefficients[window.mesh.mesh_of_vertex]
+        return (coefficients[:, None] @ force_basis(window))[:, 0]
+
+    def force_residual(self, window: Window) -> Float[Tensor, "vertices 3"]:
+        """``m a - m g - f`` [N]; 0 at pins. The same as ``StepEnergies.force_residual`` is of an energy."""
+        return (window.inertial_force - self(window)) * window.free[:, None]
+
+    def of_fabric(self, number: int, material: Material, face_area: float) -> BakedHinges:
+        """``φp = ½(k₀ + k₊) Δl² + ½(b₋ + b₀ + b₊) Δθ²`` [J] of an edge of one fabric, with its damper and drag.
+
+        A constant needs a table of a single node. Coefficients below 0 count as 0: no step may gain energy from them.
+
+        Args:
+            number: of the fabric among those fitted.
+            material: its settings.
+            face_area: mean area of the faces of the mesh fitted on [m²].
+        """
+        found = self.coefficients[number].cpu().numpy()
+        stiffness = np.array([found[:2].sum(), found[2:5].sum()])
+        damper, drag = found[5:].clip(min=0.0).tolist()
+        return BakedHinges(
+            SplinePlane(stiffness.clip(min=0.0)[:, None, None], first=(0, 0), step=(1.0, 1.0)),
+            fabric=material,
+            attributes=torch.zeros(len(ATTRIBUTES), dtype=torch.float64),
+            stretch_scale=1.0,
+            angle_scale=1.0,
+            face_area=face_area,
+            damper=damper,
+            drag=drag,
+        )
+
+
+def force_basis(window: Window) -> Float[Tensor, "vertices coefficients 3"]:
+    """The force on each vertex for each coefficient being 1, the others 0."""
+    mesh, v = window.mesh, window.v_next
+    with torch.enable_grad():
+        x = torch.stack([window.x_prev, window.x, window.x_next]).detach().requires_grad_()
+        geometry = EdgeGeometry(x, mesh)
+        energies = 0.5 * StretchHinge()(geometry).square().sum((0, 1))
+        springs, hinges = (-torch.autograd.grad(energy, x, retain_graph=True)[0] for energy in energies)
+    first, second = mesh.edges.unbind(-1)
+    direction = geometry.direction[1].detach()
+    pull = ((v[second] - v[first]) * direction).sum(-1, keepdim=True) * direction
+    damper = torch.zeros_like(v).index_add(0, first, pull).index_add(0, second, -pull)
+    return torch.stack([*springs[1:], *hinges, damper, -v], 1)
+
+
+def least_distances(basis: Float[Tensor, "vertices n 3"], force: Float[Tensor, "vertices 3"]) -> Float[Tensor, " n"]:
+    """The c that minimise ``Σ_vertices |force - Σ_k c_k basis_k|``, by least squares reweighted.
+
+    Squares would let a few violent windows decide. Each vertex has the weight of one over its last residual, which
+    counts as ``FLOOR`` of the mean force at least. A coefficient that the data do not show is 0.
+    """
+    floor = (FLOOR * force.norm(dim=-1).mean()).clamp(min=torch.finfo(force.dtype).eps)
+    scale = basis.square().sum((0, 2)).sqrt()
+    scale = torch.where(scale > 0, 1.0 / scale, 0.0)
+    basis = basis * scale[:, None]
+    found, weight = scale.new_zeros(len(scale)), torch.ones_like(force[:, 0])
+    for _ in range(ROUNDS):
+        weighted = weight[:, None, None] * basis
+        gram, moment = torch.einsum("vik,vjk->ij", weighted, basis), torch.einsum("vik,vk->i", weighted, force)
+        before, found = found, torch.linalg.pinv(gram, rtol=1e-12, hermitian=True) @ moment
+        if (found - before).norm() <= SETTLED * found.norm():
+            break
+        weight = 1.0 / (force - torch.einsum("vik,i->vk", basis, found)).norm(dim=-1).clamp(min=floor)
+    return found * scale
