@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from drape.energy.hessian import StencilSum
+from drape.energy.hessian import Filled, StencilSum
 from drape.energy.term import Stencils
-from tests.terms import TERMS, assembled, converted, make_step, moved, renumbered
+from tests.terms import TERMS, assembled, converted, make_step, moved, renumbered, written_out
 
 every_term = pytest.mark.parametrize("name", TERMS)
 elastic_terms = pytest.mark.parametrize("name", [name for name, member in TERMS.items() if member.elastic])
@@ -60,8 +60,9 @@ def test_stencils_are_positive_semidefinite(name, dtype, cloth):
     step, x_next = make_step(cloth, dtype=dtype)
     rounding = 1e-11 if dtype == torch.float64 else 1e-4
     for x in (x_next, 0.1 * x_next, torch.randn_like(x_next), step.mesh.rest_positions.to(dtype)):
-        for vertices, blocks in term.stencils(x, step):
-            assert blocks.dtype == dtype
+        for piece in term.stencils(x, step):
+            assert isinstance(piece, Filled) or piece.blocks.dtype == dtype
+            ((vertices, blocks),) = written_out([piece])
             assert blocks.shape == (len(vertices), vertices.shape[1], 3, vertices.shape[1], 3)
             size = 3 * vertices.shape[1]
             pieces = blocks.reshape(-1, size, size)
@@ -240,7 +241,7 @@ def test_finite_on_degenerate_input(name, dtype, cloth):
             energy = term(end, one)
             (slow,) = torch.autograd.grad(energy.sum(), end)
             fast_energy, fast = term.energy_and_gradient(end, one)
-            blocks = [stencils.blocks for stencils in term.stencils(end.detach(), one)]
+            blocks = [stencils.blocks for stencils in written_out(term.stencils(end.detach(), one))]
             for value in (energy, fast_energy, slow, fast, *blocks):
                 assert torch.isfinite(value).all(), case
 
