@@ -23,7 +23,7 @@ NET = partial(EnergyNet, width=16, blocks=1, layers_per_block=2)
 
 
 class SettledPotential(MLPPotential):
-    """``energy_scale d² (1 + net²)``, the network of the paper's units with d the distance of what it sees from rest."""
+    """``energy_scale d² (1 + net²)``, the paper's network and the distance d of what it sees from rest."""
 
     def energies(self, inputs: Tensor, attributes: Tensor) -> Tensor:
         stretch = (inputs[:, :1] / self.stretch_scale).square().sum(-1)

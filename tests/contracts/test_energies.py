@@ -153,7 +153,7 @@ def test_hinges_are_zero_at_rest_and_never_negative(deformation, cloth_batch):
 
 
 def test_nothing_is_lost_where_nothing_moves(cloth_batch):
-    """A cloth that stands still: no energy of dissipation, no force of it, nothing lost; one that moves: some of each."""
+    """A cloth that stands still: no energy of dissipation, no force, nothing lost; one that moves: some of each."""
     energy, window = make_energy("hinge", "damping"), make_window(cloth_batch)
     without = make_energy("hinge", "none")
     without.load_state_dict({k: v for k, v in energy.state_dict().items() if "dissipation" not in k})

@@ -276,6 +276,20 @@ def test_sums_of_stencils_remember_where_entries_go(small_cloth):
         np.testing.assert_allclose(whole(together.upper(pieces, len(x_next))), expected, atol=1e-9 * expected.max())
 
 
+@pytest.mark.parametrize("name", ["baked", "baked, transferred"])
+def test_stencils_that_add_themselves_are_as_those_written_out(name, small_cloth):
+    """Alone and among others, again, and where the same vertices come in the other form or in another order."""
+    step, x_next = make_step(small_cloth)
+    terms = [TERMS[other].make() for other in ("elastic", "inertia", "bending")]
+    others = [piece for term in terms for piece in term.stencils(x_next, step)]
+    filled = TERMS[name].make().stencils(x_next, step)
+    assert all(isinstance(piece, Filled) for piece in filled)
+    plain, together = written_out(filled), StencilSum()
+    for pieces in (filled, [*others, *filled], [*others, *filled], [*others, *plain], [*others, *filled, *filled]):
+        expected = StencilSum().upper(written_out(pieces), len(x_next)).toarray()
+        np.testing.assert_allclose(together.upper(pieces, len(x_next)).toarray(), expected, atol=1e-12 * expected.max())
+
+
 def test_the_good_hessian_of_a_learned_law_is_near_the_true_one(small_cloth):
     """At rest nothing is left out: no tension, and the law is convex there."""
     step, _ = make_step(small_cloth)

@@ -58,7 +58,7 @@ def test_a_plane_stays_a_plane():
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_smooth_across_cells_and_ends(axis):
-    """Values, slopes and curvatures of rough values have no jump between cells, at the ends, or where it is constant."""
+    """Values, slopes and curvatures have no jump between cells, at the ends, or where it is constant."""
     values = rough()
     plane = SplinePlane(values, FIRST, STEP)
     other = torch.rand(40, dtype=torch.float64) * 4.0 - 2.0

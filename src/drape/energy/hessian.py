@@ -20,8 +20,8 @@ class Filled(NamedTuple):
 
     vertices: Int[Tensor, "stencils corners"]
     add: Callable[[np.ndarray, np.ndarray], None]
-    """Given the data of the matrix, and where in it each pair of coordinates of each stencil stands: ``stencils pairs``,
-    the upper triangle of a block row by row."""
+    """Given the data of the matrix, and where in it each pair of coordinates of each stencil stands: ``stencils
+    pairs``, the upper triangle of a block row by row."""
 
 
 class _Pattern(NamedTuple):

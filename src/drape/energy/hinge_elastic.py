@@ -19,6 +19,7 @@ from drape.scene.geometry import TINY
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.rest_shape import HingeShape
 
+
 class HingeEdges:
     """The edges of a mesh with their four corners: both ends, then what lies opposite in both faces.
 
@@ -160,7 +161,7 @@ class Damping(EnergyTerm):
         self._sizes: tuple[MeshBatch, Tensor] | None = None
 
     def _drag(self, step: Step) -> Float[Tensor, "vertices 1"]:
-        """d of each vertex [kg/s]."""
+        """D of each vertex [kg/s]."""
         mesh = step.mesh
         if self._sizes is None or self._sizes[0] is not mesh:
             sizes = torch.ones_like(mesh.rest_positions[:, 0])
