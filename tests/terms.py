@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,8 @@ import torch
 from torch import Tensor
 
 from drape.contact.surface_points import SurfacePoints
+from drape.energy.baked_hinges import BakedHinges
+from drape.energy.baking import Resolution, bake
 from drape.energy.bending import Bending
 from drape.energy.contact import PaperContact, SurfaceContact
 from drape.energy.dissipation import Dissipation
@@ -18,8 +21,9 @@ from drape.energy.elastic import ElasticEnergy
 from drape.energy.external import ExternalForce
 from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
+from drape.energy.hessian import Filled
 from drape.energy.hinge_elastic import Damping, HingeElastic
-from drape.energy.hinge_law import HingeLaw
+from drape.energy.hinge_law import NetworkHinges
 from drape.energy.inertia import Inertia
 from drape.energy.spring_hinge import SpringHingeLaw
 from drape.energy.step import ObstacleStep, Step
@@ -57,27 +61,31 @@ def stretched(step: Step, x_next: Tensor) -> Tensor:
 
 
 def law() -> NetworkLaw:
-    """A learned law with random parameters, of a mesh with longer edges than those of :func:`make_step`."""
+    """A law of the paper's with random parameters, of a mesh with longer edges than those of :func:`make_step`."""
     torch.manual_seed(1)
-    return NetworkLaw(make_energy("stable", "rate"), face_area=0.02, dt=0.05)
+    return NetworkLaw(make_energy("settled", "speed"), face_area=0.02, dt=0.05)
 
 
-class ByTensors(HingeLaw):
-    """A law that is also there compiled, without that."""
-
-    def __init__(self, law: HingeLaw):
-        super().__init__(law.face_area, law.damper, law.drag)
-        self.law = law
-
-    def potential(self, q: Tensor) -> Tensor:
-        return self.law.potential(q)
+def hinges() -> NetworkHinges:
+    """A law of springs and hinges with random parameters, of a mesh like that of :func:`law`."""
+    torch.manual_seed(1)
+    attributes = torch.linspace(0.1, 0.9, 5, dtype=torch.float64)
+    found = NetworkHinges(make_energy("hinge", "none").requires_grad_(False), attributes, face_area=0.02, dt=0.05)
+    found.damper, found.drag = 3.0, 0.2
+    return found
 
 
-def spring_hinge() -> HingeLaw:
+@functools.cache
+def baked() -> BakedHinges:
+    """The law of :func:`hinges` as a table."""
+    return bake(hinges(), Resolution((-1.0, 4.0), 0.25), fabric=Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15))
+
+
+def spring_hinge() -> BakedHinges:
     """A spring-hinge law of a mesh with longer edges than those of :func:`make_step`."""
     constants = torch.tensor([[300.0, 200.0, 0.1, 2.0, 0.4, 1.5, 0.3]], dtype=torch.float64)
     silk = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
-    return ByTensors(SpringHingeLaw(constants).of_fabric(0, silk, face_area=0.02))
+    return SpringHingeLaw(constants).of_fabric(0, silk, face_area=0.02)
 
 
 TERMS = {
@@ -89,9 +97,13 @@ TERMS = {
     "elastic": Member(lambda: ElasticEnergy(law(), transfer=False), elastic=True),
     "elastic, transferred": Member(lambda: ElasticEnergy(law(), transfer=True), elastic=True),
     "dissipation": Member(lambda: Dissipation(law())),
+    "hinges": Member(lambda: HingeElastic(hinges(), transfer=False), elastic=True, exact=at_rest),
+    "hinges, transferred": Member(lambda: HingeElastic(hinges(), transfer=True), elastic=True, exact=at_rest),
+    "baked": Member(lambda: HingeElastic(baked(), transfer=False), elastic=True, exact=at_rest),
+    "baked, transferred": Member(lambda: HingeElastic(baked(), transfer=True), elastic=True, exact=at_rest),
+    "damping": Member(lambda: Damping(hinges(), transfer=False), exact=anywhere),
+    "damping, transferred": Member(lambda: Damping(hinges(), transfer=True), exact=anywhere),
     "spring_hinge": Member(lambda: HingeElastic(spring_hinge(), transfer=False), elastic=True, exact=stretched),
-    "spring_hinge, transferred": Member(lambda: HingeElastic(spring_hinge(), transfer=True), elastic=True),
-    "damping": Member(lambda: Damping(spring_hinge(), transfer=False), exact=anywhere),
     "contact_paper": Member(lambda: PaperContact(thickness=0.05), exact=anywhere),
     "contact_surface": Member(lambda: SurfaceContact(thickness=0.05), exact=anywhere),
     "friction": Member(lambda: Friction(0.5, SurfaceContact(thickness=0.05)), exact=anywhere),
@@ -170,10 +182,27 @@ def renumbered(step: Step, order: Tensor) -> Step:
     return replace(step, mesh=mesh, touching=SurfacePoints.of(mesh, per_edge=1, per_face=3), **rows)
 
 
-def assembled(stencils: list[Stencils], num_vertices: int, dtype: torch.dtype = torch.float64) -> Tensor:
+def written_out(pieces: Sequence[Stencils | Filled]) -> list[Stencils]:
+    """The pieces with the blocks of those that add themselves to a matrix."""
+    return [_opened(piece) if isinstance(piece, Filled) else Stencils(*piece) for piece in pieces]
+
+
+def _opened(piece: Filled) -> Stencils:
+    count, corners = piece.vertices.shape
+    row, column = torch.triu_indices(3 * corners, 3 * corners)
+    places = np.arange(count * len(row), dtype=np.int32).reshape(count, -1)
+    data = np.zeros(places.size)
+    piece.add(data, places)
+    blocks = torch.zeros(count, 3 * corners, 3 * corners, dtype=torch.float64)
+    blocks[:, row, column] = torch.from_numpy(data).view(count, -1)
+    blocks[:, column, row] = blocks[:, row, column]
+    return Stencils(piece.vertices, blocks.view(count, corners, 3, corners, 3))
+
+
+def assembled(pieces: Sequence[Stencils | Filled], num_vertices: int, dtype: torch.dtype = torch.float64) -> Tensor:
     """The dense matrix of the pieces."""
     matrix = torch.zeros(3 * num_vertices, 3 * num_vertices, dtype=dtype)
-    for vertices, blocks in stencils:
+    for vertices, blocks in written_out(pieces):
         slots = (3 * vertices[:, :, None] + torch.arange(3)).flatten(1)
         size = slots.shape[1]
         pairs = (slots[:, :, None].expand(-1, -1, size), slots[:, None, :].expand(-1, size, -1))

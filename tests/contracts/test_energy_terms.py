@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from drape.energy.hessian import StencilSum
+from drape.energy.hessian import Filled, StencilSum
 from drape.energy.term import Stencils
-from tests.terms import TERMS, assembled, converted, make_step, moved, renumbered
+from tests.terms import TERMS, assembled, converted, make_step, moved, renumbered, written_out
 
 every_term = pytest.mark.parametrize("name", TERMS)
 elastic_terms = pytest.mark.parametrize("name", [name for name, member in TERMS.items() if member.elastic])
@@ -60,8 +60,9 @@ def test_stencils_are_positive_semidefinite(name, dtype, cloth):
     step, x_next = make_step(cloth, dtype=dtype)
     rounding = 1e-11 if dtype == torch.float64 else 1e-4
     for x in (x_next, 0.1 * x_next, torch.randn_like(x_next), step.mesh.rest_positions.to(dtype)):
-        for vertices, blocks in term.stencils(x, step):
-            assert blocks.dtype == dtype
+        for piece in term.stencils(x, step):
+            assert isinstance(piece, Filled) or piece.blocks.dtype == dtype
+            ((vertices, blocks),) = written_out([piece])
             assert blocks.shape == (len(vertices), vertices.shape[1], 3, vertices.shape[1], 3)
             size = 3 * vertices.shape[1]
             pieces = blocks.reshape(-1, size, size)
@@ -240,7 +241,7 @@ def test_finite_on_degenerate_input(name, dtype, cloth):
             energy = term(end, one)
             (slow,) = torch.autograd.grad(energy.sum(), end)
             fast_energy, fast = term.energy_and_gradient(end, one)
-            blocks = [stencils.blocks for stencils in term.stencils(end.detach(), one)]
+            blocks = [stencils.blocks for stencils in written_out(term.stencils(end.detach(), one))]
             for value in (energy, fast_energy, slow, fast, *blocks):
                 assert torch.isfinite(value).all(), case
 
@@ -273,6 +274,20 @@ def test_sums_of_stencils_remember_where_entries_go(small_cloth):
         pieces = [Stencils(some[:5], blocks[:5]) if some.shape[1] == 1 else (some, blocks) for some, blocks in pieces]
         expected = assembled(pieces, len(x_next))
         np.testing.assert_allclose(whole(together.upper(pieces, len(x_next))), expected, atol=1e-9 * expected.max())
+
+
+@pytest.mark.parametrize("name", ["baked", "baked, transferred"])
+def test_stencils_that_add_themselves_are_as_those_written_out(name, small_cloth):
+    """Alone and among others, again, and where the same vertices come in the other form or in another order."""
+    step, x_next = make_step(small_cloth)
+    terms = [TERMS[other].make() for other in ("elastic", "inertia", "bending")]
+    others = [piece for term in terms for piece in term.stencils(x_next, step)]
+    filled = TERMS[name].make().stencils(x_next, step)
+    assert all(isinstance(piece, Filled) for piece in filled)
+    plain, together = written_out(filled), StencilSum()
+    for pieces in (filled, [*others, *filled], [*others, *filled], [*others, *plain], [*others, *filled, *filled]):
+        expected = StencilSum().upper(written_out(pieces), len(x_next)).toarray()
+        np.testing.assert_allclose(together.upper(pieces, len(x_next)).toarray(), expected, atol=1e-12 * expected.max())
 
 
 def test_the_good_hessian_of_a_learned_law_is_near_the_true_one(small_cloth):

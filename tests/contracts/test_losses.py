@@ -27,7 +27,7 @@ LOSSES = {
 
 @pytest.fixture
 def step(cloth_batch) -> StepEnergies:
-    return StepEnergies(make_energy("stable", "rate"), make_window(cloth_batch), training=True)
+    return StepEnergies(make_energy("hinge", "damping", timed=True), make_window(cloth_batch), training=True)
 
 
 @pytest.mark.parametrize("name", LOSSES)
@@ -69,7 +69,7 @@ def test_free_fall_has_the_known_balance(cloth_batch):
 @pytest.mark.parametrize("inertia", ["predicted", "kinetic"])
 def test_rise_is_the_difference_of_whole_energies(inertia, cloth_batch):
     """E(x_i + δ) - E(x_i) of every disturbed vertex, against the whole cloth evaluated twice."""
-    window, energy = make_window(cloth_batch), make_energy("stable", "rate")
+    window, energy = make_window(cloth_batch), make_energy("hinge", "damping")
     loss = Contrastive(1.0, sigma=1e-3, inertia=inertia)
     seen, inputs = [], energy.inputs
 

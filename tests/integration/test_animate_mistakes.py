@@ -133,18 +133,18 @@ def test_a_body_that_is_none(animate, tmp_path, name):
 
 def test_a_law_of_another_fabric(animate, tmp_path):
     """Tables by their fabric and its settings, checkpoints by what they were trained on."""
-    table = f"energy.table={SHIPPED}/eunet_stable_silk.npz"
+    table = f"energy.table={SHIPPED}/eunet_hinge_silk.npz"
     assert_says(refused(animate, tmp_path, *HANGING, table, "fabric=denim"), "a table of silk; expected one of denim")
     stiffer = refused(animate, tmp_path, *HANGING, "fabric.tension_stiffness=7.0")
     assert_says(stiffer, r"baked for 5, but the scene's fabric has 7; .*bake it again")
-    content = torch.load(SHIPPED / "eunet_stable.ckpt", weights_only=True)
+    content = torch.load(SHIPPED / "eunet_hinge.ckpt", weights_only=True)
     trained = content["drape"]["config"]["material"]
     content["drape"]["config"]["material"] = {"silk": trained["silk"]}
     torch.save(content, tmp_path / "silk.ckpt")
     law = ("energy=eunet", f"energy.checkpoint={tmp_path}/silk.ckpt")
     said = refused(animate, tmp_path, *HANGING, *law, "fabric=denim")
     assert_says(said, r"silk\.ckpt: found a law of silk; expected one of denim; choose one of its fabrics, or train")
-    (tmp_path / "damaged.npz").write_bytes((SHIPPED / "eunet_stable_silk.npz").read_bytes()[:5000])
+    (tmp_path / "damaged.npz").write_bytes((SHIPPED / "eunet_hinge_silk.npz").read_bytes()[:5000])
     said = refused(animate, tmp_path, *HANGING, f"energy.table={tmp_path}/damaged.npz")
     assert_says(said, r"damaged\.npz: cannot be read as a table .*bake it again")
 

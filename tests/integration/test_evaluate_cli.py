@@ -137,7 +137,7 @@ def test_an_analytic_law_needs_no_fabric(run, tmp_path):
 
 def test_the_record_has_the_command_as_it_was_typed(run, tmp_path):
     """With its interpolations: no path of this machine, and a shell understands it."""
-    law = "energy.table=${shipped:eunet_stable_silk.npz}"
+    law = "energy.table=${shipped:eunet_hinge_silk.npz}"
     done = run("kinds=[dress]", law, "name=mine", *QUICK)
     assert done.code == 0, done.err
     record = json.loads((tmp_path / "recorded_test" / "mine" / "metrics.json").read_text())
@@ -206,7 +206,7 @@ def test_another_configuration_does_not_mix_into_the_folder(run):
         (["simulator.device=abacus"], "simulator.device: found 'abacus'"),
         (["simulator=frozn"], "frozn"),
         (["data.path=nowhere.h5"], "nowhere.h5: no such file; make it with: python src/generate.py data=garments"),
-        (["energy.table=${shipped:eunet_stable_silk.npz}"], "found a table of silk; expected one of denim"),
+        (["energy.table=${shipped:eunet_hinge_silk.npz}"], "found a table of silk; expected one of denim"),
     ],
 )  # fmt: skip
 def test_mistakes_are_sentences_before_any_work(run, tmp_path, overrides, words):

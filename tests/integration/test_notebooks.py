@@ -37,7 +37,7 @@ def pictures(notebook: nbformat.NotebookNode) -> list[str]:
 def run(data, tmp_path_factory) -> Path:
     """A finished training of a few steps."""
     folder = tmp_path_factory.mktemp("run")
-    done = trained(data, folder, "model=eunet_stable", "scale.max_steps=4", "scale.validation_steps=4")
+    done = trained(data, folder, "model=eunet_hinge", "scale.max_steps=4", "scale.validation_steps=4")
     assert done.returncode == 0, done.stderr
     return folder
 

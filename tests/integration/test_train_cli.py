@@ -24,7 +24,7 @@ def same(one: dict[str, float], other: dict[str, float]) -> bool:
     return one.keys() == other.keys() and all(one[k] == other[k] or one[k] != one[k] for k in one)
 
 
-@pytest.fixture(scope="module", params=["eunet", "eunet_stable"])
+@pytest.fixture(scope="module", params=["eunet", "eunet_hinge"])
 def run(request, data, tmp_path_factory) -> tuple[str, Path]:
     """A finished training of each model."""
     folder = tmp_path_factory.mktemp(request.param)
@@ -163,7 +163,7 @@ def test_two_processes_train(data, tmp_path):
         (["model=eunt"], "eunet"),
         (["scale.widht=3"], "widht"),
         (["loss.energy_balance.weihgt=3"], "weihgt"),
-        (["model=eunet_stable", "ablation=no_contrastive"], "changes nothing"),
+        (["model=eunet_hinge", "ablation=no_contrastive"], "changes nothing"),
         (["data.path=missing.h5"], "no such file"),
         (["+material.wool={preset: Wool}"], "wool"),
         (["loss/energy_balance=zero", "loss/contrastive=zero"], "no term"),

@@ -16,7 +16,7 @@ from drape.scene.mesh import ClothMesh
 from drape.scene.mesh_batch import MeshBatch
 from tests.conftest import bent
 
-QUANTITIES = ("length", "area", "twist", "bend", "hinge", "direction", "midpoint", "vertex_normals")
+QUANTITIES = ("length", "area", "twist", "bend", "hinge", "hinge_change", "direction", "midpoint", "vertex_normals")
 
 
 def of(mesh: ClothMesh) -> MeshBatch:
@@ -127,6 +127,64 @@ def test_hinges_are_positive_where_the_cloth_bends_away_from_its_normals_however
         assert theta.max().item() == pytest.approx(1 / 7, rel=1e-6)
 
 
+def fold(degrees: float) -> np.ndarray:
+    """Two triangles at an edge along x, the second turned up by an angle; flat at 0."""
+    theta = math.radians(degrees)
+    return np.array([[0, 0, 0], [1, 0, 0], [0.5, -1, 0], [0.5, math.cos(theta), math.sin(theta)]])
+
+
+def folded(rest: float, faces: tuple = ((0, 2, 1), (0, 1, 3))) -> MeshBatch:
+    """The two triangles, at rest with an angle."""
+    return of(ClothMesh.from_faces(fold(rest), np.array(faces)))
+
+
+ANGLES = [-170.0, -100.0, -10.0, 10.0, 100.0, 170.0]
+
+
+@pytest.mark.parametrize("degrees", ANGLES)
+def test_change_of_the_hinge_of_two_faces(degrees):
+    """In full, beyond a right angle too; a fold towards the normals counts negative, and so does the other winding."""
+    x = torch.tensor(fold(degrees))
+    for faces, sign in ((((0, 1, 2), (0, 3, 1)), 1.0), (((0, 2, 1), (0, 1, 3)), -1.0)):
+        mesh = folded(0.0, faces)
+        change = EdgeGeometry(x, mesh).hinge_change
+        assert change[~mesh.boundary].item() == pytest.approx(sign * math.radians(degrees), abs=1e-9)
+        assert (change[mesh.boundary] == 0.0).all()
+
+
+@pytest.mark.parametrize("rest", [-100.0, 60.0, 165.0])
+@pytest.mark.parametrize("degrees", [*ANGLES, 0.0])
+def test_a_hinge_changes_from_the_angle_it_has_at_rest(rest, degrees):
+    mesh = folded(rest)
+    change = EdgeGeometry(torch.tensor(fold(degrees)), mesh).hinge_change[~mesh.boundary].item()
+    difference = math.remainder(math.radians(rest - degrees), 2.0 * math.pi)
+    assert change == pytest.approx(difference, abs=1e-9)
+    assert EdgeGeometry(mesh.rest_positions, mesh).hinge_change.abs().max() < 1e-9
+
+
+def test_a_hinge_closes_without_a_jump():
+    """From one side to the other of the flat cloth, a degree at a time: equal steps, also through right angles."""
+    mesh = folded(0.0)
+    x = torch.stack([torch.tensor(fold(degrees)) for degrees in range(-179, 180)])
+    change = EdgeGeometry(x, mesh).hinge_change[:, ~mesh.boundary]
+    torch.testing.assert_close(change[1:] - change[:-1], torch.full_like(change[1:], -math.radians(1.0)))
+
+
+def test_a_face_without_area_has_no_hinge():
+    """Wherever its third corner lies on the edge; the gradient there is finite, and so is the next."""
+    mesh = folded(20.0)
+    for place in (0.5, 0.0, 2.0):
+        x = torch.tensor(fold(90.0))
+        x[3] = torch.tensor([place, 0.0, 0.0])
+        x.requires_grad_()
+        change = EdgeGeometry(x, mesh).hinge_change
+        (first,) = torch.autograd.grad(change.sum(), x, create_graph=True)
+        (second,) = torch.autograd.grad(first.square().sum(), x, allow_unused=True)
+        assert (change == 0.0).all()
+        assert first.isfinite().all()
+        assert second is None or second.isfinite().all()
+
+
 def test_the_order_of_the_ends_does_not_matter(cloth_batch):
     x = bent(cloth_batch.rest_positions)
     swapped = replace(cloth_batch, edges=cloth_batch.edges.flip(-1))
@@ -139,7 +197,7 @@ def test_rigid_motion_changes_nothing(cloth_batch):
     x = bent(cloth_batch.rest_positions)
     turned = x @ rotation().T + torch.tensor([3.0, -2.0, 7.0])
     here, there = EdgeGeometry(x, cloth_batch), EdgeGeometry(turned, cloth_batch)
-    for name in ("length", "area", "twist", "bend", "hinge"):
+    for name in ("length", "area", "twist", "bend", "hinge", "hinge_change"):
         assert torch.allclose(getattr(here, name), getattr(there, name), atol=1e-11), name
 
 

@@ -12,12 +12,13 @@ from drape.errors import DrapeError
 from drape.metrics.record import RunRecord
 from drape.report.curves import draw_curves, panels, read_curves
 from drape.report.document import document, settings_of, tables
-from drape.report.energy_map import POINTS, draw_energy_map, sample_map
+from drape.report.energy_map import POINTS, draw_energy_map, energy_of, sample_map
 from drape.report.provenance import missing
 from drape.report.runs import Configuration, configurations, find_runs
 from drape.report.table import Table, number
 from drape.report.tables import arranged, energy_error_table, force_table, orderings, paper
 from drape.report.training_trade import draw_training_trade
+from tests.energies import make_energy
 
 ABLATIONS = ("none", "no_dissipation", "no_contrastive")
 SILK = {"none": 1.0, "no_dissipation": 4.0, "no_contrastive": 1.1}
@@ -92,11 +93,11 @@ def test_another_loss_is_another_row_without_the_papers_numbers():
 
 
 def test_another_model_comes_last_under_its_own_name():
-    parts = {"potential": "stable", "dissipation": "zero", "loss": "forces"}
-    stable = dataclasses.replace(record("no_dissipation", 0), model="eunet_stable", variant=parts)
+    parts = {"potential": "hinge", "dissipation": "zero", "timing": "frames", "loss": "forces"}
+    hinges = dataclasses.replace(record("no_dissipation", 0), model="eunet_hinge", variant=parts)
     unknown = dataclasses.replace(record("none", 0), model="springs", variant={})
-    rows = [row[0] for row in force_table(_found([unknown, stable, *RUNS])).rows]
-    assert rows[2:] == ["EUNet", "EUNet w/o Φd", "EUNet w/o L_con", "Stable EUNet w/o Φd", "springs"]
+    rows = [row[0] for row in force_table(_found([unknown, hinges, *RUNS])).rows]
+    assert rows[2:] == ["EUNet", "EUNet w/o Φd", "EUNet w/o L_con", "EUNet on hinges w/o Φd", "springs"]
 
 
 def test_force_table_begins_with_nothing_and_the_law():
@@ -205,6 +206,19 @@ def test_energy_map_is_relative_to_rest():
     assert energies[middle, -1] == pytest.approx(0.5 * 1000 * 5e-3**2)
     assert energies[0, middle] == pytest.approx(1e-3)
     np.testing.assert_allclose(energies, energies[::-1, ::-1], atol=1e-12)
+
+
+@pytest.mark.parametrize("potential", ["mlp", "hinge"])
+def test_the_map_of_learned_units_is_of_what_they_see(potential):
+    """Change of length and twist of the paper's units, dihedral angle of hinges: in radians, zero at rest."""
+    units = make_energy(potential, "none").potential
+    stretch, angle = (size * torch.randn(7, dtype=torch.float64) for size in (0.01, 1.0))
+    attributes = torch.rand(7, 5, dtype=torch.float64)
+    sees = [stretch, angle] if potential == "hinge" else [stretch, angle.cos(), angle.sin(), angle**0, 0 * angle]
+    found = energy_of(units)(stretch, angle, 0 * angle, attributes)
+    torch.testing.assert_close(found, units.energies(torch.stack(sees, -1), attributes), rtol=1e-9, atol=1e-12)
+    rest = energy_of(units)(*torch.zeros(3, 7, dtype=torch.float64), attributes)
+    assert potential == "mlp" or not rest.any()
 
 
 def test_figures_are_drawn(tmp_path):

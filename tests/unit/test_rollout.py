@@ -13,9 +13,8 @@ import drape
 from drape.contact.nearest_faces import NearestFaces
 from drape.data.animation_hdf5 import AnimationFile, AnimationHeader
 from drape.data.animation_writer import AnimationWriter
-from drape.energy.baked_file import read_baked
-from drape.energy.dissipation import Dissipation
-from drape.energy.elastic import ElasticEnergy
+from drape.energy.baked_hinges import read_baked
+from drape.energy.hinge_elastic import Damping, HingeElastic
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
@@ -75,7 +74,7 @@ def test_a_step_that_starts_where_the_one_before_ended_searches_once(monkeypatch
     assert len(searches) == 6 + 2
 
 
-TABLE = Path(drape.__file__).parent / "checkpoints" / "eunet_stable_silk.npz"
+TABLE = Path(drape.__file__).parent / "checkpoints" / "eunet_hinge_silk.npz"
 CASES = {
     "exact": {"iterations": 80, "tolerance": 1e-7},
     "few evaluations": {"iterations": 6},
@@ -95,7 +94,7 @@ def test_interrupted_after_every_frame_is_as_never_interrupted(tmp_path, monkeyp
     header = AnimationHeader.of_scene(scene, COLUMNS, "{}")
 
     def solver() -> ImplicitSolver:
-        terms = [ElasticEnergy(law, transfer=True), Dissipation(law)]
+        terms = [HingeElastic(law, transfer=True), Damping(law, transfer=True)]
         potential = IncrementalPotential.for_scene(scene, copy.deepcopy(terms))
         return ImplicitSolver(potential, scene, NO_ATTRIBUTES, **settings)
 

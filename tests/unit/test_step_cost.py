@@ -15,7 +15,7 @@ from tests.energies import make_energy, make_window
 @pytest.mark.parametrize("loss", [{"balance": EnergyBalance(1.0)}, {"force": ForceResidual(1.0, 1.0)}])
 def test_phases_add_up_and_units_are_left_as_they_were(loss, cloth_batch):
     """Positive times; the step is about the sum of its phases; nothing stays wrapped around the units."""
-    energy = make_energy("stable", "rate")
+    energy = make_energy("hinge", "damping", timed=True)
     before = [unit.energies for unit in energy.units.values()]
     cost = StepCost(energy, loss, repeat(make_window(cloth_batch)))
     seconds = cost.measure(repeats=3)

@@ -68,15 +68,15 @@ class StencilSum:
     """
 
     def __init__(self) -> None:
-        self._vertices: list[Tensor] = []
+        self._kinds: list[tuple[Tensor, bool]] = []
         self._pattern: _Pattern | None = None
 
     def upper(self, pieces: Sequence[Piece | Filled], num_vertices: int) -> sparse.csr_array:
         """The upper triangle of the sum of ``pieces``, ``3 num_vertices`` square."""
         several = [piece for piece in pieces if piece[0].shape[1] > 1]
-        vertices = [piece[0] for piece in several]
-        if self._pattern is None or not self._fits(vertices, num_vertices):
-            self._vertices, self._pattern = vertices, _Pattern.of(several, num_vertices)
+        kinds = [(piece[0], isinstance(piece, Filled)) for piece in several]
+        if self._pattern is None or not self._fits(kinds, num_vertices):
+            self._kinds, self._pattern = kinds, _Pattern.of(several, num_vertices)
         pattern = self._pattern
         data = torch.zeros(len(pattern.indices), dtype=torch.float64)
         for piece, place in zip(several, pattern.places, strict=True):
@@ -90,9 +90,10 @@ class StencilSum:
                 data.scatter_add_(0, place.reshape(-1), _entries(blocks).reshape(-1))
         return sparse.csr_array((data.numpy(), pattern.indices, pattern.indptr), (3 * num_vertices,) * 2)
 
-    def _fits(self, vertices: list[Tensor], num_vertices: int) -> bool:
-        same = len(vertices) == len(self._vertices) and num_vertices == len(self._pattern.diagonal)
-        return same and all(one is other for one, other in zip(vertices, self._vertices, strict=True))
+    def _fits(self, kinds: list[tuple[Tensor, bool]], num_vertices: int) -> bool:
+        same = len(kinds) == len(self._kinds) and num_vertices == len(self._pattern.diagonal)
+        pairs = zip(kinds, self._kinds, strict=True) if same else ()
+        return same and all(one is other and filled == was for (one, filled), (other, was) in pairs)
 
 
 def _entries(blocks: Float[Tensor, "stencils corners 3 corners 3"]) -> Float[Tensor, "pairs stencils"]:

@@ -10,7 +10,7 @@ from torch import Tensor
 from drape.energy.baked_hinges import BakedHinges
 from drape.energy.edge_scale import EdgeScale
 from drape.energy.hessian import Filled
-from drape.energy.hinge_kernel import BLOCK, Edges, Tables, add_hessian, energies_and_forces
+from drape.energy.hinge_kernel import BLOCK, DEGENERATE, Edges, Tables, add_hessian, energies_and_forces
 from drape.energy.hinge_law import HingeLaw
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
@@ -18,9 +18,6 @@ from drape.scene.corners import Corners, dot
 from drape.scene.geometry import TINY
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.rest_shape import HingeShape
-
-DEGENERATE = 0.25
-"""Below this cos² + sin² one of the two faces has no area and the angle counts as unchanged."""
 
 
 class HingeEdges:
@@ -178,24 +175,21 @@ class Damping(EnergyTerm):
     def __init__(self, law: HingeLaw, *, transfer: bool):
         super().__init__()
         self.law, self.transfer = law, transfer
+        self._sizes: tuple[MeshBatch, Tensor] | None = None
 
     def _drag(self, step: Step) -> Float[Tensor, "vertices 1"]:
-        """d/dt of each vertex."""
-        return step.once((self, "drag"), lambda: self._drag_at(step.mesh).to(step.x) / step.dt)
-
-    def _drag_at(self, mesh: MeshBatch) -> Float[Tensor, "vertices 1"]:
-        drag = mesh.rest_lengths.new_full((mesh.num_meshes,), self.law.drag)
-        if self.transfer:
-            of_face = mesh.mesh_of_vertex[mesh.faces[:, 0]]
-            total = drag.new_zeros(mesh.num_meshes).index_add(0, of_face, mesh.rest_faces.area)
-            drag = drag * total / (of_face.bincount(minlength=mesh.num_meshes) * self.law.face_area)
-        return drag[mesh.mesh_of_vertex, None]
+        """D of each vertex [kg/s]."""
+        mesh = step.mesh
+        if self._sizes is None or self._sizes[0] is not mesh:
+            sizes = torch.ones_like(mesh.rest_positions[:, 0])
+            self._sizes = mesh, _mean_face(mesh) / self.law.face_area if self.transfer else sizes
+        return self.law.drag * self._sizes[1].to(step.x)[:, None]
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         moved = x_next - step.x
         rate, _ = _rates(moved, step)
         axial = (0.5 * self.law.damper / step.dt) * rate.square()
-        air = 0.5 * (self._drag(step) * moved.square()).sum(-1)
+        air = (0.5 / step.dt) * (self._drag(step) * moved.square()).sum(-1)
         return step.sum_stencils(axial, step.mesh.edges[:, 0]) + step.mesh.sum_vertices(air)
 
     def energy_and_gradient(
@@ -203,7 +197,7 @@ class Damping(EnergyTerm):
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
         moved = x_next.detach() - step.x
         rate, direction = _rates(moved, step)
-        pull, drag = (self.law.damper / step.dt) * rate, self._drag(step) * moved
+        pull, drag = (self.law.damper / step.dt) * rate, (self._drag(step) / step.dt) * moved
         energy = step.sum_stencils(0.5 * pull * rate, step.mesh.edges[:, 0])
         energy = energy + step.mesh.sum_vertices(0.5 * (drag * moved).sum(-1))
         along = pull * direction
@@ -214,11 +208,12 @@ class Damping(EnergyTerm):
         _, direction = _rates(torch.zeros_like(step.x), step)
         block = (self.law.damper / step.dt) * direction.T[:, :, None] * direction.T[:, None]
         signs = torch.tensor([[1.0, -1.0], [-1.0, 1.0]], dtype=block.dtype, device=block.device)
-        identity = torch.eye(3, dtype=block.dtype, device=block.device) * self._drag(step)[:, None]
+        identity = torch.eye(3, dtype=block.dtype, device=block.device)
+        drag = (self._drag(step) / step.dt)[:, :, None] * identity
         everyone = torch.arange(len(step.x), device=block.device)[:, None]
         return [
             Stencils(step.mesh.edges, signs[:, None, :, None] * block[:, None, :, None]),
-            Stencils(everyone, identity[:, None, :, None]),
+            Stencils(everyone, drag[:, None, :, None]),
         ]
 
 
@@ -229,6 +224,13 @@ def _deformation(x: Tensor, edges: HingeEdges) -> tuple[Float[Tensor, "2 edges"]
     angle = (angle - edges.rest_angle.to(x.dtype)).masked_fill(flat, 0.0)
     angle = angle - 2.0 * torch.pi * torch.round(angle.detach() / (2.0 * torch.pi))
     return torch.stack([shape.length - edges.mesh.rest_lengths.to(x.dtype), angle]), shape
+
+
+def _mean_face(mesh: MeshBatch) -> Float[Tensor, " vertices"]:
+    """Mean area of the faces of the cloth that each vertex is of [m²]."""
+    of_face = mesh.mesh_of_vertex[mesh.faces[:, 0]]
+    area = mesh.rest_faces.area.new_zeros(mesh.num_meshes).index_add(0, of_face, mesh.rest_faces.area)
+    return (area / torch.bincount(of_face, minlength=mesh.num_meshes))[mesh.mesh_of_vertex]
 
 
 def _rates(moved: Float[Tensor, "vertices 3"], step: Step) -> tuple[Float[Tensor, " edges"], Float[Tensor, "3 edges"]]:

@@ -30,6 +30,9 @@ LN_2, SQRT_2 = math.log(2.0), math.sqrt(2.0)
 MANTISSA, ONE = (1 << 52) - 1, 1023 << 52
 EIGHTH_TURN_HALVED = math.tan(math.pi / 8.0)
 
+DEGENERATE = 0.25
+"""Below this cos² + sin² one of the two faces has no area and the angle counts as unchanged."""
+
 
 def _arctangent(square: np.ndarray) -> np.ndarray:
     """``atan(t)/t`` of ``t²``."""
@@ -131,6 +134,7 @@ def _deform(buffer, inner, rest_length, rest_angle, size, smallest, stretch_scal
         sine = -(n0 * b0 + n1 * b1 + n2 * b2) * length
         angle = _arctangent2(sine, cosine) - rest_angle[e]
         angle = inner[e] * (angle - 2.0 * math.pi * np.rint(angle / (2.0 * math.pi)))
+        angle = 0.0 if cosine * cosine + sine * sine < DEGENERATE * square1 * square2 else angle
         buffer[NORMAL1 + e], buffer[NORMAL1 + BLOCK + e], buffer[NORMAL1 + 2 * BLOCK + e] = n0, n1, n2
         buffer[NORMAL2 + e], buffer[NORMAL2 + BLOCK + e], buffer[NORMAL2 + 2 * BLOCK + e] = m0, m1, m2
         buffer[FOOT1 + e], buffer[FOOT2 + e] = a0 * d0 + a1 * d1 + a2 * d2, b0 * d0 + b1 * d1 + b2 * d2

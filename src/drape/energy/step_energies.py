@@ -86,8 +86,9 @@ class StepEnergies:
             leaves = inputs.detach().flatten(0, 1).requires_grad_()
             total = units.energies(leaves, self.attributes.repeat(3, 1)).sum()
             (slopes,) = torch.autograd.grad(total, leaves, create_graph=self.training)
-            slopes = self.energy.timing(self.attributes) * slopes.unflatten(0, (3, -1))
-            pulled = pullback([inputs], x, [slopes]).sum(0)
+            weights = self.energy.timing(self.attributes)
+            weights = weights if self.training else weights.detach()
+            pulled = pullback([inputs], x, [weights * slopes.unflatten(0, (3, -1))]).sum(0)
             if not self.energy.dissipates:
                 return pulled
             leaf = self._leaves["dissipation"]

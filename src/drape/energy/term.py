@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from scipy import sparse
 from torch import Tensor, nn
 
-from drape.energy.hessian import StencilSum
+from drape.energy.hessian import Filled, StencilSum
 from drape.energy.step import Step
 
 
@@ -46,7 +46,7 @@ class EnergyTerm(nn.Module, ABC):
             (gradient,) = torch.autograd.grad(energy.sum(), x_next)
         return energy.detach(), gradient
 
-    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """A positive semi-definite approximation of the Hessian at ``x_next``, piece by piece; [] if it is zero."""
         return []
 

@@ -14,12 +14,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
 
+from drape.energy.deformation import StretchHinge
 from drape.energy.units import PotentialUnits
 
 STRETCH = 5e-3
 """Δl of the map is -5…5 mm [m] (paper, figure 4)."""
 ANGLE = np.pi / 2
-"""α of the map is -90…90 degrees [rad]. Which of the two angles the paper turned is not said (FACTS 11.8)."""
+"""α of the map, or Δθ of hinges, is -90…90 degrees [rad]. Which of its two angles the paper turned is not said (FACTS
+11.8)."""
 POINTS = 81
 
 EnergyOf = Callable[[Tensor, Tensor, Tensor, Tensor], Tensor]
@@ -27,9 +29,11 @@ EnergyOf = Callable[[Tensor, Tensor, Tensor, Tensor], Tensor]
 
 
 def energy_of(units: PotentialUnits) -> EnergyOf:
-    """φp of learned units as a function of the deformation of an edge."""
+    """φp of learned units as a function of the deformation of an edge; of units with hinges, α stands for Δθ."""
 
     def energies(stretch: Tensor, alpha: Tensor, beta: Tensor, attributes: Tensor) -> Tensor:
+        if isinstance(units.deformation, StretchHinge):
+            return units.energies(torch.stack([stretch, alpha], -1), attributes)
         deformation = torch.stack([stretch, alpha.cos(), alpha.sin(), beta.cos(), beta.sin()], -1)
         return units.energies(deformation[:, : units.deformation.size], attributes)
 
@@ -68,7 +72,7 @@ def draw_energy_map(
     for axis in axes.flat[len(panels) :]:
         axis.set_axis_off()
     for axis in axes[:, 0]:
-        axis.set_ylabel("Δα [degrees]  (Δβ = 0)")
+        axis.set_ylabel("Δα (Δβ = 0), or Δθ of hinges [degrees]")
     for axis in axes[-1]:
         axis.set_xlabel("Δl [mm]")
     figure.suptitle("Potential energy φp of an edge relative to rest [J]", fontsize=10)
