@@ -28,8 +28,8 @@ NEEDED = {("scene", "custom"): ["scene.mesh=shirt.obj"], ("simulator", "neural")
 
 SIMULATOR = ["model=mgn_s_eunet"]
 ROUTES = {
-    "train": [[], SIMULATOR, ["model=layersnet"], ["model=hood"], ["model=est"]],
-    "benchmark": [[], SIMULATOR, ["model=hood"], ["model=est"]],
+    "train": [[], ["model=eunet_hinge"], SIMULATOR, ["model=layersnet"], ["model=hood"], ["model=est"]],
+    "benchmark": [[], ["model=eunet_hinge"], SIMULATOR, ["model=hood"], ["model=est"]],
 }
 """What else a contents page may be told so that an option makes sense."""
 

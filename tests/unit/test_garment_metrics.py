@@ -22,6 +22,7 @@ from drape.metrics.garment_scores import SCORES, AnimatedGarment, frame_scores, 
 from drape.metrics.hem import hem_angle, hem_corners
 from drape.metrics.self_intersection import self_intersecting
 from drape.scene.grid import square_grid
+from drape.scene.mesh import ClothMesh
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.obstacle import Obstacle
 from tests import garments
