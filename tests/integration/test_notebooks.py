@@ -33,11 +33,11 @@ def pictures(notebook: nbformat.NotebookNode) -> list[str]:
     return [output.data["image/png"] for output in outputs if "image/png" in output.get("data", {})]
 
 
-@pytest.fixture(scope="module")
-def run(data, tmp_path_factory) -> Path:
-    """A finished training of a few steps."""
+@pytest.fixture(scope="module", params=["eunet", "eunet_hinge"])
+def run(request, data, tmp_path_factory) -> Path:
+    """A finished training of a few steps, of a model that sees twist and bend and of one on hinges."""
     folder = tmp_path_factory.mktemp("run")
-    done = trained(data, folder, "model=eunet_hinge", "scale.max_steps=4", "scale.validation_steps=4")
+    done = trained(data, folder, f"model={request.param}", "scale.max_steps=4", "scale.validation_steps=4")
     assert done.returncode == 0, done.stderr
     return folder
 
