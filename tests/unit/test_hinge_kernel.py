@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import copy
 import functools
-import time
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from drape.energy import hinge_kernel
+from drape.energy import compiled as compiled_code
 from drape.energy.baked_hinges import BakedHinges
 from drape.energy.compiled import BLOCK, compiled
 from drape.energy.hessian import Filled
@@ -266,8 +265,8 @@ def test_only_for_tables_and_the_processor():
 @compiled
 def _functions(x, y, out):
     for k in range(len(x)):
-        out[0, k] = hinge_kernel._arctangent2(y[k], x[k])
-        out[1, k] = hinge_kernel._logarithm(abs(y[k]))
+        out[0, k] = compiled_code.arctangent2(y[k], x[k])
+        out[1, k] = compiled_code.logarithm(abs(y[k]))
 
 
 def test_functions():
@@ -287,20 +286,3 @@ def test_compiled_without_a_place_to_keep_it():
     names = {}
     exec(compile("def twice(x):\n    return 2.0 * x", "<nowhere>", "exec"), names)
     assert compiled(names["twice"])(1.5) == 3.0
-
-
-def test_faster_than_tensors():
-    """Ten times and more on an idle machine; twice must remain on any."""
-    step, x_next = make_step(square_grid(1.0, 40))
-
-    def least(term: EnergyTerm) -> float:
-        seconds = []
-        for _ in range(5):
-            start = time.perf_counter()
-            term.energy_and_gradient(x_next, step)
-            seconds.append(time.perf_counter() - start)
-        return min(seconds)
-
-    kernel, tensors = (least(term) for term in both(True))
-    print(f"{1e3 * kernel:.2f} ms, {1e3 * tensors:.2f} ms by tensors")
-    assert 2.0 * kernel < tensors

@@ -58,6 +58,7 @@ LN_2, SQRT_2 = math.log(2.0), math.sqrt(2.0)
 MANTISSA, ONE = (1 << 52) - 1, 1023 << 52
 EIGHTH_TURN_HALVED = math.tan(math.pi / 8.0)
 
+
 def _arctangent(square: np.ndarray) -> np.ndarray:
     """``atan(t)/t`` of ``t²``."""
     tangent = np.sqrt(square)

@@ -83,8 +83,6 @@ class HingeElastic(EnergyTerm):
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         edges = self.edges(step.mesh)
-        if self._compiles(x_next):
-            return _Compiled.apply(x_next, self, step)
         q, _ = _deformation(x_next, edges)
         size = edges.size.to(q.dtype)
         energy = edges.share.to(q.dtype) * size.square() * self.law.potential((q / size).T)
@@ -146,21 +144,6 @@ class HingeElastic(EnergyTerm):
             )
             self._kernel = self._edges.compiled(), tables
         return self._kernel
-
-
-class _Compiled(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx, x_next, term, step):
-        energy, gradient = term.energy_and_gradient(x_next, step)
-        ctx.mesh_of_vertex = step.mesh.mesh_of_vertex
-        ctx.save_for_backward(gradient)
-        return energy
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx, upstream):
-        (gradient,) = ctx.saved_tensors
-        return upstream.to(gradient.dtype)[ctx.mesh_of_vertex, None] * gradient, None, None
 
 
 class Damping(EnergyTerm):
