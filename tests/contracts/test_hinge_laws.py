@@ -235,6 +235,19 @@ def test_certificate_is_true(laws, name):
         assert 0.0 < share <= 2.0 * getattr(certificate, key)
 
 
+def test_differences_are_relative_to_what_is_stored(laws):
+    """A hundredth more of everything is a hundredth, of the smallest deformation too."""
+    q = torch.tensor([[0.1, 0.0], [1e-6, 0.0], [0.0, 1.0], [0.0, 1e-6]], dtype=torch.float64)
+    for row in q[:, None]:
+        true = laws["baked"].slopes(row)
+        found = differences(laws["baked"], row, 1.01 * true.energy, true.gradient)
+        assert found == pytest.approx({"energy": 0.01 / 1.01, "force": 0.0}, abs=1e-9)
+        found = differences(laws["baked"], row, true.energy, 1.01 * true.gradient)
+        spring = float((true.gradient * row).sum() / (2.0 * true.energy))
+        assert found == pytest.approx({"energy": 0.0, "force": 0.01 * spring}, abs=1e-9)
+        assert 0.3 < spring < 3.0
+
+
 def test_half_the_step_is_many_times_as_exact(laws):
     rough, fine = (bake(laws["network"], Resolution((-1.0, 4.0), step), fabric=SILK) for step in (0.5, 0.25))
     assert fine.certificate.energy < 0.2 * rough.certificate.energy
