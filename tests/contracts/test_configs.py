@@ -26,10 +26,10 @@ SUPPLIED = {"datamodule": ["fabrics"], "training": ["metrics", "data"]}
 NEEDED = {("scene", "custom"): ["scene.mesh=shirt.obj"], ("simulator", "neural"): ["simulator.checkpoint=last.ckpt"]}
 """Values that an option leaves to the user (``???``)."""
 
-SIMULATOR = ["model=mgn_s_eunet"]
+SIMULATOR, HINGES = ["model=mgn_s_eunet"], ["model=eunet_hinge"]
 ROUTES = {
-    "train": [[], SIMULATOR, ["model=layersnet"], ["model=hood"], ["model=est"]],
-    "benchmark": [[], SIMULATOR, ["model=hood"], ["model=est"]],
+    "train": [[], HINGES, SIMULATOR, ["model=layersnet"], ["model=hood"], ["model=est"]],
+    "benchmark": [[], HINGES, SIMULATOR, ["model=hood"], ["model=est"]],
 }
 """What else a contents page may be told so that an option makes sense."""
 
