@@ -11,9 +11,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from drape.energy import hinge_kernel
 from drape.energy.baked_hinges import BakedHinges
-from drape.energy.compiled import BLOCK, compiled
+from drape.energy.compiled import BLOCK, arctangent2, compiled, logarithm
 from drape.energy.hessian import Filled
 from drape.energy.hinge_elastic import HingeElastic
 from drape.energy.hinge_law import HingeLaw
@@ -264,8 +263,8 @@ def test_only_for_tables_and_the_processor():
 @compiled
 def _functions(x, y, out):
     for k in range(len(x)):
-        out[0, k] = hinge_kernel._arctangent2(y[k], x[k])
-        out[1, k] = hinge_kernel._logarithm(abs(y[k]))
+        out[0, k] = arctangent2(y[k], x[k])
+        out[1, k] = logarithm(abs(y[k]))
 
 
 def test_functions():

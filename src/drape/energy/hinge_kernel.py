@@ -11,9 +11,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import Chebyshev, Polynomial
 
-from drape.energy.compiled import BLOCK, compiled, inlined, series
+from drape.energy.compiled import (
+    BLOCK,
+    arctangent2,
+    basis,
+    basis_curvatures,
+    basis_slopes,
+    compiled,
+    inlined,
+    logarithm,
+)
 from drape.energy.spline_plane import MARGIN
 
 EDGE, ARM1, ARM2, NORMAL1, NORMAL2 = (3 * BLOCK * k for k in range(5))
@@ -24,26 +32,8 @@ LENGTH, SQUARE1, SQUARE2, STRETCH, ANGLE, U, V, AT_Z, AT_Y, BY_Z, BY_Y, FOOT1, F
 K, K_U, K_V, K_UU, K_UV, K_VV, B, B_U, B_V, B_UU, B_UV, B_VV, SUMS = (BLOCK * k for k in range(13))
 """Where the quantities of a block stand: of its geometry, and of its two splines with their derivatives."""
 
-LOGARITHM = tuple(2.0 / (2 * k + 1) for k in range(10))
-"""Series to the last digit of ``ln((1 + s)/(1 - s))/s`` in s² for ``|s| < 0.172``."""
-LN_2, SQRT_2 = math.log(2.0), math.sqrt(2.0)
-MANTISSA, ONE = (1 << 52) - 1, 1023 << 52
-EIGHTH_TURN_HALVED = math.tan(math.pi / 8.0)
-
 DEGENERATE = 0.25
 """Below this cos² + sin² one of the two faces has no area and the angle counts as unchanged."""
-
-
-def _arctangent(square: np.ndarray) -> np.ndarray:
-    """``atan(t)/t`` of ``t²``."""
-    tangent = np.sqrt(square)
-    return np.arctan(tangent) / tangent
-
-
-ARCTANGENT = tuple(
-    Chebyshev.interpolate(_arctangent, 12, [0.0, EIGHTH_TURN_HALVED**2]).convert(kind=Polynomial).coef.tolist()
-)
-"""Series of ``atan(t)/t`` in t² for ``|t| < tan(π/8)``; error below 1e-16."""
 
 
 class Tables(NamedTuple):
@@ -80,33 +70,6 @@ class Edges(NamedTuple):
 
 
 @inlined
-def _logarithm(x):
-    """Of a positive number; exact to some 1e-16 in absolute terms near 1."""
-    bits = np.float64(x).view(np.int64)
-    part = np.int64((bits & MANTISSA) | ONE).view(np.float64)
-    large = part > SQRT_2
-    part = 0.5 * part if large else part
-    exponent = np.float64((bits >> 52) - 1023) + (1.0 if large else 0.0)
-    s = (part - 1.0) / (part + 1.0)
-    return exponent * LN_2 + s * series(s * s, LOGARITHM)
-
-
-@inlined
-def _arctangent2(y, x):
-    """``atan2(y, x)`` to the last digit or two, without jumps."""
-    a, b = abs(y), abs(x)
-    low, high = (a, b) if a < b else (b, a)
-    far = low > EIGHTH_TURN_HALVED * high  # then the angle to the diagonal
-    above = low - high if far else low
-    below = low + high if far else high
-    t = above / (below if below != 0.0 else 1.0)
-    angle = t * series(t * t, ARCTANGENT) + (0.25 * math.pi if far else 0.0)
-    angle = 0.5 * math.pi - angle if a > b else angle
-    angle = math.pi - angle if x < 0.0 else angle
-    return math.copysign(angle, y)
-
-
-@inlined
 def _gather(x, corners, buffer):
     for e in range(BLOCK):
         i, j, k, m = corners[e, 0], corners[e, 1], corners[e, 2], corners[e, 3]
@@ -132,7 +95,7 @@ def _deform(buffer, inner, rest_length, rest_angle, size, smallest, stretch_scal
         square1, square2 = n0 * n0 + n1 * n1 + n2 * n2 + tiny, m0 * m0 + m1 * m1 + m2 * m2 + tiny
         cosine = n0 * m0 + n1 * m1 + n2 * m2
         sine = -(n0 * b0 + n1 * b1 + n2 * b2) * length
-        angle = _arctangent2(sine, cosine) - rest_angle[e]
+        angle = arctangent2(sine, cosine) - rest_angle[e]
         angle = inner[e] * (angle - 2.0 * math.pi * np.rint(angle / (2.0 * math.pi)))
         angle = 0.0 if cosine * cosine + sine * sine < DEGENERATE * square1 * square2 else angle
         buffer[NORMAL1 + e], buffer[NORMAL1 + BLOCK + e], buffer[NORMAL1 + 2 * BLOCK + e] = n0, n1, n2
@@ -143,8 +106,8 @@ def _deform(buffer, inner, rest_length, rest_angle, size, smallest, stretch_scal
         y = angle / (size[e] * angle_scale)
         buffer[STRETCH + e], buffer[ANGLE + e] = z, y
         buffer[AT_Z + e], buffer[AT_Y + e] = math.sqrt(1.0 + z * z), 1.0 + y * y
-        buffer[U + e] = math.copysign(_logarithm(abs(z) + math.sqrt(1.0 + z * z)), z)
-        buffer[V + e] = _logarithm(1.0 + y * y)
+        buffer[U + e] = math.copysign(logarithm(abs(z) + math.sqrt(1.0 + z * z)), z)
+        buffer[V + e] = logarithm(1.0 + y * y)
 
 
 @inlined
@@ -152,25 +115,6 @@ def _clamped(x, nodes):
     """As in :mod:`spline_plane`; what is not a number goes to the lower end: it must not be looked up elsewhere."""
     x = x if x > 1.0 - MARGIN else 1.0 - MARGIN
     return x if x < nodes + MARGIN - 2.001 else nodes + MARGIN - 2.001
-
-
-@inlined
-def _basis(f):
-    g = 1.0 - f
-    low, high = (0.5 * f - 1.0) * f * f + 2.0 / 3.0, (0.5 * g - 1.0) * g * g + 2.0 / 3.0
-    return g * g * g / 6.0, low, high, f * f * f / 6.0
-
-
-@inlined
-def _basis_slopes(f):
-    g = 1.0 - f
-    return -0.5 * g * g, (1.5 * f - 2.0) * f, (2.0 - 1.5 * g) * g, 0.5 * f * f
-
-
-@inlined
-def _basis_curvatures(f):
-    g = 1.0 - f
-    return g, 3.0 * f - 2.0, 3.0 * g - 2.0, f
 
 
 @inlined
@@ -199,8 +143,8 @@ def _splines(tables, buffer, rows, sums, curved):
     """K and B of each edge with their derivatives in u and v, of second order too where ``curved``."""
     by_u, by_v = 1.0 / tables.step_u, 1.0 / tables.step_v
     for e in range(BLOCK):
-        w_u, w_v = _basis(buffer[U + e]), _basis(buffer[V + e])
-        d_u, d_v = _basis_slopes(buffer[U + e]), _basis_slopes(buffer[V + e])
+        w_u, w_v = basis(buffer[U + e]), basis(buffer[V + e])
+        d_u, d_v = basis_slopes(buffer[U + e]), basis_slopes(buffer[V + e])
         t = tables.taps[rows[e]]
         for part in range(2):
             k, place = 16 * part, K if part == 0 else B
@@ -210,7 +154,7 @@ def _splines(tables, buffer, rows, sums, curved):
             sums[place + BLOCK + e] = _across(value, d_u) * by_u
             sums[place + 2 * BLOCK + e] = _across(slope, w_u) * by_v
             if curved:
-                c_u, c_v = _basis_curvatures(buffer[U + e]), _basis_curvatures(buffer[V + e])
+                c_u, c_v = basis_curvatures(buffer[U + e]), basis_curvatures(buffer[V + e])
                 curve = (_along(t, k, c_v), _along(t, k + 4, c_v), _along(t, k + 8, c_v), _along(t, k + 12, c_v))
                 sums[place + 3 * BLOCK + e] = _across(value, c_u) * by_u * by_u
                 sums[place + 4 * BLOCK + e] = _across(slope, d_u) * by_u * by_v
@@ -275,6 +219,36 @@ def _evaluate(x, edges, tables, first, buffer, sums, rows, energy, curved):
     _turns(buffer)
 
 
+@inlined
+def _curvatures(e, share, buffer, sums, tables):
+    """The second derivatives of the energy of an edge in its length and its angle: ∂²/∂l², ∂²/∂θ², ∂²/∂l∂θ."""
+    z, y = buffer[STRETCH + e], buffer[ANGLE + e]
+    zz, yy = 0.5 * z * z, 0.5 * y * y
+    root, square = buffer[AT_Z + e], buffer[AT_Y + e]
+    u_z, u_zz = 1.0 / root, -z / (root * root * root)
+    v_y, v_yy = 2.0 * y / square, (2.0 - 2.0 * y * y) / (square * square)
+    k_u, k_v, b_u, b_v = sums[K_U + e], sums[K_V + e], sums[B_U + e], sums[B_V + e]
+    h_zz = sums[K + e] + 2.0 * k_u * u_z * z + (k_u * u_zz + sums[K_UU + e] * u_z * u_z) * zz
+    h_zz += (b_u * u_zz + sums[B_UU + e] * u_z * u_z) * yy
+    h_yy = sums[B + e] + 2.0 * b_v * v_y * y + (b_v * v_yy + sums[B_VV + e] * v_y * v_y) * yy
+    h_yy += (k_v * v_yy + sums[K_VV + e] * v_y * v_y) * zz
+    h_zy = k_v * v_y * z + b_u * u_z * y + (sums[K_UV + e] * zz + sums[B_UV + e] * yy) * u_z * v_y
+    by_length, by_angle = 1.0 / tables.stretch_scale, 1.0 / tables.angle_scale
+    return share * h_zz * by_length * by_length, share * h_yy * by_angle * by_angle, share * h_zy * by_length * by_angle
+
+
+@inlined
+def _positive(a, b, c):
+    """The positive part of [[a, c], [c, b]]."""
+    mean, half = 0.5 * (a + b), 0.5 * (a - b)
+    spread = math.sqrt(half * half + c * c)
+    if mean - spread < 0.0:
+        high = mean + spread if mean + spread > 0.0 else 0.0
+        part = high / (2.0 * spread) if spread > 0.0 else 0.0
+        a, b, c = part * (spread + half), part * (spread - half), part * c
+    return a, b, c
+
+
 @compiled
 def energies_and_forces(x, edges, tables):
     """Energy of each edge [J], and the gradient of their sum in ``x`` [N]."""
@@ -299,28 +273,7 @@ def add_hessian(x, edges, tables, count, data, places):
     for first in range(0, len(edges.share), BLOCK):
         _evaluate(x, edges, tables, first, buffer, sums, rows, energy, True)
         for e in range(min(BLOCK, count - first)):
-            share = edges.share[first + e]
-            z, y = buffer[STRETCH + e], buffer[ANGLE + e]
-            zz, yy = 0.5 * z * z, 0.5 * y * y
-            root, square = buffer[AT_Z + e], buffer[AT_Y + e]
-            u_z, u_zz = 1.0 / root, -z / (root * root * root)
-            v_y, v_yy = 2.0 * y / square, (2.0 - 2.0 * y * y) / (square * square)
-            k_u, k_v, b_u, b_v = sums[K_U + e], sums[K_V + e], sums[B_U + e], sums[B_V + e]
-            h_zz = sums[K + e] + 2.0 * k_u * u_z * z + (k_u * u_zz + sums[K_UU + e] * u_z * u_z) * zz
-            h_zz += (b_u * u_zz + sums[B_UU + e] * u_z * u_z) * yy
-            h_yy = sums[B + e] + 2.0 * b_v * v_y * y + (b_v * v_yy + sums[B_VV + e] * v_y * v_y) * yy
-            h_yy += (k_v * v_yy + sums[K_VV + e] * v_y * v_y) * zz
-            h_zy = k_v * v_y * z + b_u * u_z * y + (sums[K_UV + e] * zz + sums[B_UV + e] * yy) * u_z * v_y
-            a = share * h_zz / (tables.stretch_scale * tables.stretch_scale)
-            b = share * h_yy / (tables.angle_scale * tables.angle_scale)
-            c = share * h_zy / (tables.stretch_scale * tables.angle_scale)
-            # the positive part of [[a, c], [c, b]]
-            mean, half = 0.5 * (a + b), 0.5 * (a - b)
-            spread = math.sqrt(half * half + c * c)
-            if mean - spread < 0.0:
-                high = mean + spread if mean + spread > 0.0 else 0.0
-                part = high / (2.0 * spread) if spread > 0.0 else 0.0
-                a, b, c = part * (spread + half), part * (spread - half), part * c
+            a, b, c = _positive(*_curvatures(e, edges.share[first + e], buffer, sums, tables))
             length = buffer[LENGTH + e]
             string = abs(buffer[BY_Z + e]) / length
             for axis in range(3):
