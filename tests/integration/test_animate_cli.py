@@ -129,8 +129,7 @@ def test_a_cloth_too_coarse_for_its_body_is_told_before_anything_is_made(animate
     assert re.match(r"contact: points of the cloth .* skin will show through\. Take .* contact=surface ", done.out)
     done = animate("scene=sphere", "scene.resolution=6", "explain=true")
     assert "skin" not in done.out
-    words = " ".join(re.findall(r"[a-z0-9,]+", done.out))
-    assert "2562 sharp points" in words
+    assert re.search(r"2562\W.*sharp points", done.out, re.DOTALL)  # in a table, which may break the line there
     for contact in ("surface", "paper"):
         assert "skin" not in animate("scene=sphere", f"contact={contact}", "explain=true").out
 
