@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,13 +39,13 @@ class Resolution:
         DrapeError: a range without rest inside, or a step that is not positive.
     """
 
-    stretch: tuple[float, float]
+    stretch: Sequence[float]
     step: float
 
     def __post_init__(self) -> None:
-        low, high = self.stretch
+        low, high = self.stretch if len(self.stretch) == 2 else (math.nan, math.nan)
         if not (math.isfinite(low) and math.isfinite(high) and low < 0 < high):
-            raise DrapeError(f"table.stretch: found [{low}, {high}]; expected a negative and a positive number")
+            raise DrapeError(f"table.stretch: found {list(self.stretch)}; expected a negative and a positive number")
         if not (math.isfinite(self.step) and self.step > 0):
             raise DrapeError(f"table.step: found {self.step}; expected a number above 0")
 
