@@ -73,7 +73,7 @@ class HingeElastic(EnergyTerm):
         super().__init__()
         self.law, self.transfer = law, transfer
         self._edges: HingeEdges | None = None
-        self._kernel: tuple[Edges, Tables] | None = None
+        self._kernel: tuple[Tensor, Edges, Tables] | None = None
 
     def edges(self, mesh: MeshBatch) -> HingeEdges:
         """Those of a mesh; kept for the next time."""
@@ -137,13 +137,12 @@ class HingeElastic(EnergyTerm):
         return isinstance(self.law, BakedHinges) and x.device.type == self.law.plane.taps.device.type == "cpu"
 
     def _compiled(self) -> tuple[Edges, Tables]:
-        if self._kernel is None or self._kernel[1].taps.base is not self.law.plane.taps.numpy().base:
-            law, plane = self.law, self.law.plane
-            tables = Tables(
-                plane.taps.numpy(), *plane.first, *plane.nodes, *plane.step, law.stretch_scale, law.angle_scale
-            )
-            self._kernel = self._edges.compiled(), tables
-        return self._kernel
+        law, plane = self.law, self.law.plane
+        if self._kernel is None or self._kernel[0] is not plane.taps:  # a law may change its precision
+            scales = law.stretch_scale, law.angle_scale
+            tables = Tables(plane.taps.numpy(), *plane.first, *plane.nodes, *plane.step, *scales)
+            self._kernel = plane.taps, self._edges.compiled(), tables
+        return self._kernel[1:]
 
 
 class Damping(EnergyTerm):
