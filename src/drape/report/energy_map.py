@@ -72,7 +72,7 @@ def draw_energy_map(
     for axis in axes.flat[len(panels) :]:
         axis.set_axis_off()
     for axis in axes[:, 0]:
-        axis.set_ylabel("Δα (Δβ = 0), or Δθ of hinges [degrees]")
+        axis.set_ylabel("Δα or, of hinges, Δθ [degrees]")
     for axis in axes[-1]:
         axis.set_xlabel("Δl [mm]")
     figure.suptitle("Potential energy φp of an edge relative to rest [J]", fontsize=10)
