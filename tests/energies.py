@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from drape.data.windows import Window
+from drape.energy.checkpoint import describe
 from drape.energy.damping import Damping
 from drape.energy.deformation import Stretch, StretchBending, StretchHinge
 from drape.energy.dissipation_speed import SpeedDissipation
@@ -16,10 +18,22 @@ from drape.energy.potential_hinge import HingePotential
 from drape.energy.potential_mlp import MLPPotential
 from drape.energy.timing import Timing
 from drape.nets.mlp import EnergyNet
+from drape.scene.material import ATTRIBUTES
 from drape.scene.mesh_batch import MeshBatch
 from tests.conftest import bent
 
 NET = partial(EnergyNet, width=16, blocks=1, layers_per_block=2)
+
+PAPER = {
+    "_target_": "drape.energy.eunet.EUNet",
+    "potential": {
+        "_target_": "drape.energy.potential_mlp.MLPPotential",
+        "deformation": {"_target_": "drape.energy.deformation.StretchBending"},
+        "net": {"_target_": "drape.nets.mlp.EnergyNet", "_partial_": True} | NET.keywords,
+        "stretch_scale": 0.01, "energy_scale": 0.1,
+    },
+}  # fmt: skip
+"""The config of ``make_energy("mlp", "none")``."""
 
 
 class SettledPotential(MLPPotential):
@@ -81,3 +95,12 @@ def make_window(mesh: MeshBatch, dt: float = 1.0 / 30.0) -> Window:
         gravity=torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64),
         dt=dt,
     )
+
+
+def write_checkpoint(path: Path, energy: EUNet, model: dict, mesh: MeshBatch) -> Path:
+    """A checkpoint of silk, as a training writes it, of an energy whose config is ``model``; attributes are tenths."""
+    datamodule = {"attribute_scales": dict.fromkeys(ATTRIBUTES, 10.0)}
+    config = {"model": model, "material": {"silk": {}}, "datamodule": datamodule}
+    state = {f"energy.{key}": value for key, value in energy.state_dict().items()}
+    torch.save({"state_dict": state, "drape": describe(config, energy, make_window(mesh))}, path)
+    return path

@@ -8,14 +8,12 @@ import math
 import pytest
 import torch
 
-from drape.data.windows import Window
-from drape.energy.checkpoint import describe
 from drape.energy.edge_law import NetworkLaw
 from drape.energy.load_law import load_law
 from drape.energy.stretch_only import StretchOnly
 from drape.errors import DrapeError
-from drape.scene.material import ATTRIBUTES, Material
-from tests.energies import NET, make_energy, make_window
+from drape.scene.material import Material
+from tests.energies import PAPER, make_energy, write_checkpoint
 
 SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
 ATTRIBUTE_VECTOR = torch.tensor([0.02, 0.01, 0.05, 0.0, 0.0], dtype=torch.float64)
@@ -136,21 +134,8 @@ def test_rest_costs_nothing(laws, name):
 
 def test_law_of_a_checkpoint(cloth_batch, tmp_path):
     """The fabric's vector in the checkpoint's scales, the area and the time that it was trained on; or a refusal."""
-    model = {
-        "_target_": "drape.energy.eunet.EUNet",
-        "potential": {
-            "_target_": "drape.energy.potential_mlp.MLPPotential",
-            "deformation": {"_target_": "drape.energy.deformation.StretchBending"},
-            "net": {"_target_": "drape.nets.mlp.EnergyNet", "_partial_": True} | NET.keywords,
-            "stretch_scale": 0.01, "energy_scale": 0.1,
-        },
-    }  # fmt: skip
     energy = make_energy("mlp", "none").float()
-    scales = dict.fromkeys(ATTRIBUTES, 10.0)
-    config = {"model": model, "material": {"silk": {}}, "datamodule": {"attribute_scales": scales}}
-    window: Window = make_window(cloth_batch)
-    state = {f"energy.{key}": value for key, value in energy.state_dict().items()}
-    torch.save({"state_dict": state, "drape": describe(config, energy, window)}, tmp_path / "last.ckpt")
+    write_checkpoint(tmp_path / "last.ckpt", energy, PAPER, cloth_batch)
     law, vector = load_law(str(tmp_path / "last.ckpt"), SILK)
     assert isinstance(law, NetworkLaw)
     assert vector.tolist() == [0.5, 0.05, 0.015, 0.0, 0.0]

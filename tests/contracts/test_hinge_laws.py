@@ -11,17 +11,15 @@ import numpy as np
 import pytest
 import torch
 
-from drape.data.windows import Window
 from drape.energy.baked_hinges import Bounds, differences, read_baked, save_baked
 from drape.energy.baking import Resolution, bake
-from drape.energy.checkpoint import describe
 from drape.energy.damping import Damping
 from drape.energy.eunet import EUNet
 from drape.energy.hinge_law import NetworkHinges, WithoutHinges
 from drape.energy.load_law import load_baked, load_law
 from drape.errors import DrapeError
-from drape.scene.material import ATTRIBUTES, Material
-from tests.energies import make_energy, make_window
+from drape.scene.material import Material
+from tests.energies import make_energy, write_checkpoint
 
 SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
 DENIM = Material("denim", 40.0, 10.0, 25.0, 0.0, 1.0, 1.0)
@@ -172,11 +170,7 @@ def test_law_of_a_checkpoint(cloth_batch, tmp_path):
         "timing": {"_target_": "drape.energy.timing.Timing", "deformation": sees, "width": 16},
     }  # fmt: skip
     energy = make_energy("hinge", "damping", timed=True).float()
-    scales = dict.fromkeys(ATTRIBUTES, 10.0)
-    config = {"model": model, "material": {"silk": {}}, "datamodule": {"attribute_scales": scales}}
-    window: Window = make_window(cloth_batch)
-    state = {f"energy.{key}": value for key, value in energy.state_dict().items()}
-    torch.save({"state_dict": state, "drape": describe(config, energy, window)}, tmp_path / "last.ckpt")
+    write_checkpoint(tmp_path / "last.ckpt", energy, model, cloth_batch)
     law, vector = load_law(str(tmp_path / "last.ckpt"), SILK)
     assert isinstance(law, NetworkHinges)
     assert vector.tolist() == [0.5, 0.05, 0.015, 0.0, 0.0]

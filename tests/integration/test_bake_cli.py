@@ -8,10 +8,8 @@ import pytest
 import torch
 
 from drape.energy.baked_hinges import read_baked
-from drape.energy.checkpoint import describe
 from drape.energy.load_law import load_law
-from drape.scene.material import ATTRIBUTES
-from tests.energies import NET, make_energy, make_window
+from tests.energies import PAPER, make_energy, write_checkpoint
 from tests.integration.conftest import ROOT, Run, in_process
 
 SHIPPED = ROOT / "src" / "drape" / "checkpoints" / "eunet_hinge.ckpt"
@@ -55,20 +53,6 @@ def test_mistakes_get_a_sentence(bake, tmp_path):
 
 def test_the_law_of_the_paper_is_not_baked(bake, tmp_path, cloth_batch):
     """It sees twist and bend, of which a table would have one dimension more; it runs by its networks."""
-    model = {
-        "_target_": "drape.energy.eunet.EUNet",
-        "potential": {
-            "_target_": "drape.energy.potential_mlp.MLPPotential",
-            "deformation": {"_target_": "drape.energy.deformation.StretchBending"},
-            "net": {"_target_": "drape.nets.mlp.EnergyNet", "_partial_": True} | NET.keywords,
-            "stretch_scale": 0.01, "energy_scale": 0.1,
-        },
-    }  # fmt: skip
-    scales = {"attribute_scales": dict.fromkeys(ATTRIBUTES, 10.0)}
-    config = {"model": model, "material": {"silk": {}}, "datamodule": scales}
-    energy = make_energy("mlp", "none").float()
-    described = describe(config, energy, make_window(cloth_batch))
-    state = {f"energy.{key}": value for key, value in energy.state_dict().items()}
-    torch.save({"state_dict": state, "drape": described}, tmp_path / "paper.ckpt")
+    write_checkpoint(tmp_path / "paper.ckpt", make_energy("mlp", "none").float(), PAPER, cloth_batch)
     done = bake(f"checkpoint={tmp_path}/paper.ckpt")
     refused(done, tmp_path, "found a law of the paper's (stretch, twist, bend); expected one of stretch and hinge")

@@ -182,9 +182,13 @@ class SurfaceContact(Contact):
                 "from 0 on inside each edge, and 0, 1 or 3 inside each face"
             )
         self.per_edge, self.per_face = per_edge, per_face
+        self._sharp: tuple[Scene, float, SharpPoints | None] | None = None
 
     def sharp_points(self, scene: Scene) -> SharpPoints | None:
-        return SharpPoints.of(scene.obstacle, point_spacing(scene.mesh, self.per_edge), self.thickness)
+        if self._sharp is None or self._sharp[0] is not scene or self._sharp[1] != self.thickness:
+            spacing = point_spacing(scene.mesh, self.per_edge)
+            self._sharp = scene, self.thickness, SharpPoints.of(scene.obstacle, spacing, self.thickness)
+        return self._sharp[2]
 
     def point_stiffness(self, step: Step, points: ChosenPoints) -> Float[Tensor, " points"]:
         return self.stiffness * points.mass(step.mass)
