@@ -9,11 +9,12 @@ from pathlib import Path
 import lightning
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from drape.data.hdf5 import TrajectoryFile
 from drape.data.loader import WindowLoader, share_of
+from drape.data.observation import AS_RECORDED, Observation
 from drape.data.statistics import training_statistics
 from drape.data.windows import Window
 from drape.errors import DrapeError
@@ -34,6 +35,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         train_sequences: use only the first so many training sequences; all by default.
         validation_sequences: number of test sequences, evenly over the fabrics, that are watched while training. They
             are watched only: the result of a training is its last step, never the best on them.
+        observation: how the recording is seen; the test split is without noise.
 
     Raises:
         DrapeError: file missing or faulty, a fabric that it does not have, a split without sequences or windows.
@@ -49,6 +51,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         seed: int | None,
         train_sequences: int | None = None,
         validation_sequences: int = 16,
+        observation: Observation = AS_RECORDED,
     ):
         super().__init__()
         self.file = TrajectoryFile(Path(path))
@@ -59,9 +62,11 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         unknown = [name for name in self.fabrics if name not in self.file.fabrics]
         if unknown:
             raise DrapeError(f"{path}: no fabric {', '.join(unknown)}; it has {', '.join(self.file.fabrics)}")
-        if self.file.num_frames < 3:
-            raise DrapeError(f"{path}: {self.file.num_frames} frames a sequence; a window needs 3")
-        self.windows_per_sequence = self.file.num_frames - 2
+        self.observation = observation
+        self.windows_per_sequence = self.file.num_frames - 2 * observation.stride
+        if self.windows_per_sequence < 1:
+            needed = 2 * observation.stride + 1
+            raise DrapeError(f"{path}: {self.file.num_frames} frames a sequence; a window needs {needed}")
         self.train_sequences = self._sequences("train")[:train_sequences]
         self.test_sequences = self._sequences("test")
         self.validation_sequences = self.test_sequences[:validation_sequences]
@@ -72,6 +77,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         self._fabric_of_sequence = self.file.fabric
         self._is_free = np.ones(self.file.mesh.num_vertices, dtype=bool)
         self._is_free[self.file.pinned] = False
+        self._is_training = np.isin(np.arange(len(self.file.fabric)), self._sequences("train"))
         self._mesh_batch = lru_cache(maxsize=4)(lambda count: MeshBatch.from_meshes([self.file.mesh] * count))
 
     def _sequences(self, split: str) -> np.ndarray:
@@ -97,7 +103,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         """The windows of the given numbers, counted through ``sequences``, as one batch."""
         which, starts = np.divmod(indices, self.windows_per_sequence)
         numbers = sequences[which]
-        x_prev, x, x_next = torch.from_numpy(self.file.windows(numbers, starts, 3)).double().flatten(1, 2)
+        x_prev, x, x_next = torch.from_numpy(self._observed(numbers, starts)).flatten(1, 2)
         fabric = torch.from_numpy(self._fabric_of_sequence[numbers])
         vertices = self.file.mesh.num_vertices
         return Window(
@@ -110,8 +116,17 @@ class TrajectoryDataModule(lightning.LightningDataModule):
             attributes=self._attributes[fabric],
             fabric=fabric,
             gravity=torch.from_numpy(self.file.gravity),
-            dt=float(self.file.dt),
+            dt=self.observation.stride * float(self.file.dt),
         )
+
+    def _observed(
+        self, sequences: Int[np.ndarray, " windows"], starts: Int[np.ndarray, " windows"]
+    ) -> Float[np.ndarray, "3 windows vertices 3"]:
+        """Positions [m] at t-1, t and t+1; those of the training split as the observation has them."""
+        frames = starts + self.observation.stride * np.arange(3)[:, None]
+        x, training = self.file.windows(sequences, frames).astype(np.float64), self._is_training[sequences]
+        x[:, training] = self.observation.disturbed(x[:, training], sequences[training], frames[:, training])
+        return x
 
     def spaced_windows(self, count: int, batch_size: int) -> Iterator[Window]:
         """At most ``count`` windows of the training split, evenly spaced, in batches of about ``batch_size``."""

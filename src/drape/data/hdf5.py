@@ -120,10 +120,10 @@ class TrajectoryFile:
         return self._positions[sequence, start:stop].copy()  # what is returned stays when the file is closed
 
     def windows(
-        self, sequences: Int[np.ndarray, " windows"], starts: Int[np.ndarray, " windows"], length: int
+        self, sequences: Int[np.ndarray, " windows"], frames: Int[np.ndarray, "length windows"]
     ) -> Float[np.ndarray, "length windows vertices 3"]:
-        """Positions [m] of ``length`` frames from ``starts`` on, each window from a sequence of its own."""
-        return self._positions[sequences, starts + np.arange(length)[:, None]]
+        """Positions [m] of the ``frames`` of each window, each window from a sequence of its own."""
+        return self._positions[sequences, frames]
 
     @cached_property
     def _positions(self) -> Float[np.ndarray, "sequences frames vertices 3"]:
