@@ -85,7 +85,7 @@ def pick(batch: Window, meshes: list[int]) -> Window:
 
 BATCH = window([0, 1, 1, 3, 0, 3, 3], seed=3)
 """Leather twice, denim never."""
-LAW = SpringHingeLaw.fit([window([0, 1, 3, 2], seed=k) for k in range(3)], len(FABRICS))
+LAW = SpringHingeLaw.fit([(window([0, 1, 3, 2], seed=k),) for k in range(3)], len(FABRICS))
 
 
 def family() -> dict:

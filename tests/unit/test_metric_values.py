@@ -134,7 +134,7 @@ def test_pinned_vertices_do_not_count():
 
 def test_spring_hinge_residual_is_that_of_the_law():
     moving = window([0, 1])
-    law = SpringHingeLaw.fit([moving], num_fabrics=2)
+    law = SpringHingeLaw.fit([(moving,)], num_fabrics=2)
     metric = SpringHingeResidual(FABRICS, law)
     metric.update(step(moving))
     residual = law.force_residual(moving).norm(dim=-1)[moving.free]

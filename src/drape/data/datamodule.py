@@ -130,10 +130,32 @@ class TrajectoryDataModule(lightning.LightningDataModule):
 
     def spaced_windows(self, count: int, batch_size: int) -> Iterator[Window]:
         """At most ``count`` windows of the training split, evenly spaced, in batches of about ``batch_size``."""
-        total = len(self.train_sequences) * self.windows_per_sequence
-        chosen = np.unique(np.linspace(0, total - 1, min(count, total)).astype(np.int64))
-        for indices in np.array_split(chosen, -(-len(chosen) // batch_size)):
-            yield self.windows(self.train_sequences, indices)
+        for window, *_ in self.windows_apart(count, batch_size, ()):
+            yield window
+
+    def windows_apart(self, count: int, batch_size: int, apart: Sequence[int]) -> Iterator[tuple[Window, ...]]:
+        """As :meth:`spaced_windows`; each with those of the same sequences so many frames earlier and later.
+
+        Raises:
+            DrapeError: sequences too short for that.
+        """
+        shifts = [0, *(by * sign for by in apart for sign in (-1, 1))]
+        starts = np.arange(max(shifts), self.windows_per_sequence - max(shifts))
+        if len(starts) == 0:
+            needed = self.file.num_frames - self.windows_per_sequence + 2 * max(shifts) + 1
+            raise DrapeError(
+                f"{self.file.path}: found {self.file.num_frames} frames a sequence; windows with others {max(shifts)} "
+                f"frames before and after need {needed}"
+            )
+        every = self.windows_per_sequence * np.arange(len(self.train_sequences))[:, None] + starts
+        for indices in _spaced(every.ravel(), count, batch_size):
+            yield tuple(self.windows(self.train_sequences, indices + shift) for shift in shifts)
+
+    def test_windows(self, count: int, batch_size: int) -> Iterator[Window]:
+        """At most ``count`` windows of the test split, evenly spaced, in batches of about ``batch_size``."""
+        every = np.arange(len(self.test_sequences) * self.windows_per_sequence)
+        for indices in _spaced(every, count, batch_size):
+            yield self.windows(self.test_sequences, indices)
 
     def loader(self, sequences: np.ndarray, batch_size: int, **order: int) -> WindowLoader:
         """All windows of ``sequences`` in batches; ``order`` as in :class:`WindowLoader`."""
@@ -148,3 +170,8 @@ class TrajectoryDataModule(lightning.LightningDataModule):
 
     def test_dataloader(self) -> WindowLoader:
         return self.loader(self.test_sequences, self.eval_batch_size, **share_of(self.trainer))
+
+
+def _spaced(indices: np.ndarray, count: int, batch_size: int) -> list[np.ndarray]:
+    chosen = indices[np.unique(np.linspace(0, len(indices) - 1, min(count, len(indices))).astype(np.int64))]
+    return np.array_split(chosen, -(-len(chosen) // batch_size))

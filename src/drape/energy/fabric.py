@@ -64,18 +64,23 @@ def phys(shear_modulus: float, first_lame: float, thickness: float, bending_stif
     return Fabric(terms, torch.zeros(len(ATTRIBUTES), dtype=torch.float64))
 
 
-def spring_hinge(path: str, windows: int, transfer: bool, material: Material) -> Fabric:
+def spring_hinge(path: str, windows: int, instruments: Sequence[int], transfer: bool, material: Material) -> Fabric:
     """The spring-hinge law fitted on ``windows`` triplets of frames of the data file at ``path``, all of one fabric.
 
-    See :class:`HingeElastic` for ``transfer``.
+    ``instruments``: frames from a window to the others that it is fitted with; see :meth:`SpringHingeLaw.fit`, and
+    :class:`HingeElastic` for ``transfer``.
 
     Raises:
         DrapeError: no such file, or one without this fabric.
     """
     data = TrajectoryDataModule(path, [material.name], 1, 50, dict.fromkeys(ATTRIBUTES, 1.0), seed=None)
-    fitted = SpringHingeLaw.fit(data.spaced_windows(windows, 50), len(data.file.fabrics))
+    fitted = SpringHingeLaw.fit(data.windows_apart(windows, 50, instruments), len(data.file.fabrics))
     face_area = float(MeshBatch.from_meshes([data.file.mesh]).rest_faces.area.mean())
-    law = fitted.of_fabric(data.file.fabrics.index(material.name), material, face_area)
+    return of_law(fitted.of_fabric(data.file.fabrics.index(material.name), material, face_area), transfer)
+
+
+def of_law(law: HingeLaw, transfer: bool = True) -> Fabric:
+    """The energies of a law on hinges that is there already; see :class:`HingeElastic` for ``transfer``."""
     return Fabric(_terms(law, transfer, None), law.attributes)
 
 

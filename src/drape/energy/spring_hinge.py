@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import torch
@@ -56,26 +56,31 @@ class SpringHingeLaw(nn.Module):
         self.register_buffer("coefficients", coefficients)
 
     @classmethod
-    def fit(cls, windows: Iterable[Window], num_fabrics: int) -> SpringHingeLaw:
-        """Fit the equation of motion ``f = m a - m g`` on the free vertices; see :func:`least_distances`.
+    def fit(cls, windows: Iterable[Sequence[Window]], num_fabrics: int) -> SpringHingeLaw:
+        """Fit the equation of motion ``f = m a - m g`` on the free vertices; see :func:`balanced`.
+
+        Each window comes alone, or with others of the same cloth some frames away, whose :func:`force_basis` are the
+        instruments then: noise on positions makes springs look soft, since each strain that is seen is part noise, but
+        the noise of other frames has nothing to do with it.
 
         The coefficients of a fabric of which there is no window are NaN.
 
         Raises:
             DrapeError: no windows, or nothing moves in them.
         """
-        seen: dict[int, list[tuple[Tensor, Tensor]]] = {}
-        for window in windows:
+        seen: dict[int, list[tuple[Tensor, Tensor, Tensor]]] = {}
+        for window, *others in windows:
             basis, force = force_basis(window).cpu(), window.inertial_force.cpu()
+            instruments = torch.cat([force_basis(other).cpu() for other in others], 1) if others else basis
             fabric = window.fabric[window.mesh.mesh_of_vertex].masked_fill(~window.free, -1).cpu()
             for number in set(window.fabric.tolist()):
                 here = fabric == number
-                seen.setdefault(number, []).append((basis[here], force[here]))
+                seen.setdefault(number, []).append((basis[here], force[here], instruments[here]))
         coefficients = torch.full((num_fabrics, len(COEFFICIENTS)), torch.nan, dtype=torch.float64)
         for number, parts in seen.items():
-            basis, force = (torch.cat(part) for part in zip(*parts, strict=True))
+            basis, force, instruments = (torch.cat(part) for part in zip(*parts, strict=True))
             if bool((basis.abs() > TINY).any()):
-                coefficients[number] = least_distances(basis, force)
+                coefficients[number] = balanced(basis, force, instruments)
         if bool(coefficients.isnan().all()):
             raise DrapeError("spring-hinge law: nothing moves in the training windows; expected moving cloth to fit it")
         return cls(coefficients)
@@ -137,22 +142,35 @@ def force_basis(window: Window) -> Float[Tensor, "vertices coefficients 3"]:
     return torch.stack([*springs[1:], *hinges, damper, -v], 1)
 
 
-def least_distances(basis: Float[Tensor, "vertices n 3"], force: Float[Tensor, "vertices 3"]) -> Float[Tensor, " n"]:
-    """The c that minimise ``Σ_vertices |force - Σ_k c_k basis_k|``, by least squares reweighted.
+def balanced(
+    basis: Float[Tensor, "vertices n 3"], force: Float[Tensor, "vertices 3"], instruments: Float[Tensor, "vertices m 3"]
+) -> Float[Tensor, " n"]:
+    """The c of ``force = Σ_k c_k basis_k`` by two-stage least squares, reweighted.
 
-    Squares would let a few violent windows decide. Each vertex has the weight of one over its last residual, which
-    counts as ``FLOOR`` of the mean force at least. A coefficient that the data do not show is 0.
+    The basis is replaced by what its ``instruments`` say of it, ``P = Z (Zᵀ W Z)⁻¹ Zᵀ W B``, and c solves
+    ``Pᵀ W (force - B c) = 0``. With noise on the basis that is not on the instruments c is right on the mean, where
+    that of least squares, which have the basis for their instruments, is too small (Wooldridge, Econometric Analysis
+    of Cross Section and Panel Data, 2010, chapter 5). Each vertex has the weight of one over its last residual, which
+    counts as ``FLOOR`` of the mean force at least, so that distances are minimised: squares would let a few violent
+    windows decide. A coefficient that the data do not show is 0.
     """
     floor = (FLOOR * force.norm(dim=-1).mean()).clamp(min=torch.finfo(force.dtype).eps)
-    scale = basis.square().sum((0, 2)).sqrt()
-    scale = torch.where(scale > 0, 1.0 / scale, 0.0)
-    basis = basis * scale[:, None]
+    (basis, scale), (instruments, _) = _scaled(basis), _scaled(instruments)
     found, weight = scale.new_zeros(len(scale)), torch.ones_like(force[:, 0])
     for _ in range(ROUNDS):
-        weighted = weight[:, None, None] * basis
-        gram, moment = torch.einsum("vik,vjk->ij", weighted, basis), torch.einsum("vik,vk->i", weighted, force)
-        before, found = found, torch.linalg.pinv(gram, rtol=1e-12, hermitian=True) @ moment
+        weighted = weight[:, None, None] * instruments
+        of_instruments, of_basis = (torch.einsum("vik,vjk->ij", weighted, other) for other in (instruments, basis))
+        first = torch.linalg.pinv(of_instruments, rtol=1e-12, hermitian=True) @ of_basis
+        moment = first.T @ torch.einsum("vik,vk->i", weighted, force)
+        before, found = found, torch.linalg.pinv(first.T @ of_basis, rtol=1e-12, hermitian=True) @ moment
         if (found - before).norm() <= SETTLED * found.norm():
             break
         weight = 1.0 / (force - torch.einsum("vik,i->vk", basis, found)).norm(dim=-1).clamp(min=floor)
     return found * scale
+
+
+def _scaled(basis: Float[Tensor, "vertices n 3"]) -> tuple[Float[Tensor, "vertices n 3"], Float[Tensor, " n"]]:
+    """Each function of size 1, and by what it was multiplied; 0 stays 0."""
+    size = basis.square().sum((0, 2)).sqrt()
+    scale = torch.where(size > 0, 1.0 / size, 0.0)
+    return basis * scale[:, None], scale

@@ -71,7 +71,7 @@ class EnergyTraining(lightning.LightningModule):
     @staticmethod
     def supplied(data: TrajectoryDataModule) -> dict[str, object]:
         """What the data give to the constructor: metrics, among them the bar that a fitted spring-hinge law sets."""
-        law = SpringHingeLaw.fit(data.spaced_windows(LAW_WINDOWS, data.eval_batch_size), len(data.file.fabrics))
+        law = SpringHingeLaw.fit(data.windows_apart(LAW_WINDOWS, data.eval_batch_size, ()), len(data.file.fabrics))
         tension = {name: float(material["tension_stiffness"]) for name, material in data.file.materials.items()}
         contrastive = Contrastive(weight=1.0, sigma=METRIC_SIGMA)
         return {"metrics": energy_metrics(data.file.fabrics, contrastive=contrastive, tension=tension, law=law)}
