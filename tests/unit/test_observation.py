@@ -65,3 +65,16 @@ def test_more_frames_between_than_there_are_is_a_sentence(path: Path) -> None:
 def test_what_cannot_be_seen_is_a_sentence(seen: dict[str, float]) -> None:
     with pytest.raises(DrapeError, match=f"observation.{next(iter(seen))}: found"):
         Observation(**seen)
+
+
+def test_windows_apart_are_of_the_same_sequence_some_frames_away(path: Path) -> None:
+    data = module(path)
+    batches = list(data.windows_apart(100, 4, [1, 2]))
+    frames = [torch.from_numpy(data.file.positions(int(number))).double() for number in data.train_sequences]
+    wanted = [positions[start] for positions in frames for start in (2, 3)]
+    assert torch.equal(torch.cat([batch[0].x_prev for batch in batches]), torch.cat(wanted))
+    for column, shift in enumerate((-1, 1, -2, 2), start=1):
+        moved = [positions[start + shift] for positions in frames for start in (2, 3)]
+        assert torch.equal(torch.cat([batch[column].x_prev for batch in batches]), torch.cat(moved))
+    with pytest.raises(DrapeError, match="8 frames a sequence; windows with others 3 frames before and after need 9"):
+        next(data.windows_apart(1, 1, [3]))

@@ -18,6 +18,7 @@ from drape.scene.geometry import TINY, EdgeGeometry
 from drape.scene.material import ATTRIBUTES, Material
 
 COEFFICIENTS = (
+    "spring_before_N_per_m",
     "spring_now_N_per_m",
     "spring_next_N_per_m",
     "hinge_before_J",
@@ -26,7 +27,7 @@ COEFFICIENTS = (
     "damper_kg_per_s",
     "drag_kg_per_s",
 )
-"""k₀, k₊, b₋, b₀, b₊, c, d of :class:`SpringHingeLaw`."""
+"""k₋, k₀, k₊, b₋, b₀, b₊, c, d of :class:`SpringHingeLaw`."""
 ROUNDS = 15
 """Of reweighting, at most."""
 SETTLED = 1e-4
@@ -36,22 +37,23 @@ FLOOR = 1e-3
 
 
 class SpringHingeLaw(nn.Module):
-    """Forces of edges that are springs and of inner edges that are hinges, seven coefficients for each fabric.
+    """Forces of edges that are springs and of inner edges that are hinges, eight coefficients for each fabric.
 
     With the energies ``Σ ½Δl²`` of edges and ``Σ ½Δθ²`` of inner edges, Δl and Δθ being the changes of length [m] and
     dihedral angle [rad] from rest, and their forces ``s = -∂/∂x Σ½Δl²`` and ``h = -∂/∂x Σ½Δθ²``, the force on vertex i
     in the equation of motion of recorded frames t-1, t, t+1 is
 
-        f_i = k₀ s(t) + k₊ s(t+1) + b₋ h(t-1) + b₀ h(t) + b₊ h(t+1) + c Σ_j ((v_j - v_i)·y) y - d v_i   [N]
+        f_i = k₋ s(t-1) + k₀ s(t) + k₊ s(t+1) + b₋ h(t-1) + b₀ h(t) + b₊ h(t+1)
+              + c Σ_j ((v_j - v_i)·y) y - d v_i   [N]
 
     with ``v = (x(t+1) - x(t))/dt``, the other ends j of its edges and their directions y at t, the axial damper c and
     the drag d [kg/s]. That forces of several frames act is the recorder's doing (:class:`drape.energy.timing.Timing`);
-    the spring constant of the fabric is ``k₀ + k₊`` [N/m], the stiffness of its hinges ``b₋ + b₀ + b₊`` [J].
+    the spring constant of the fabric is ``k₋ + k₀ + k₊`` [N/m], the stiffness of its hinges ``b₋ + b₀ + b₊`` [J].
     """
 
-    coefficients: Float[Tensor, "fabrics 7"]
+    coefficients: Float[Tensor, "fabrics 8"]
 
-    def __init__(self, coefficients: Float[Tensor, "fabrics 7"]):
+    def __init__(self, coefficients: Float[Tensor, "fabrics 8"]):
         super().__init__()
         self.register_buffer("coefficients", coefficients)
 
@@ -103,7 +105,7 @@ class SpringHingeLaw(nn.Module):
         return (window.inertial_force - self(window)) * window.free[:, None]
 
     def of_fabric(self, number: int, material: Material, face_area: float) -> BakedHinges:
-        """``φp = ½(k₀ + k₊) Δl² + ½(b₋ + b₀ + b₊) Δθ²`` [J] of an edge of one fabric, with its damper and drag.
+        """``φp = ½(k₋ + k₀ + k₊) Δl² + ½(b₋ + b₀ + b₊) Δθ²`` [J] of an edge of one fabric, with its damper and drag.
 
         A constant needs a table of a single node. Coefficients below 0 count as 0: no step may gain energy from them.
 
@@ -113,8 +115,8 @@ class SpringHingeLaw(nn.Module):
             face_area: mean area of the faces of the mesh fitted on [m²].
         """
         found = self.coefficients[number].cpu().numpy()
-        stiffness = np.array([found[:2].sum(), found[2:5].sum()])
-        damper, drag = found[5:].clip(min=0.0).tolist()
+        stiffness = np.array([found[:3].sum(), found[3:6].sum()])
+        damper, drag = found[6:].clip(min=0.0).tolist()
         return BakedHinges(
             SplinePlane(stiffness.clip(min=0.0)[:, None, None], first=(0, 0), step=(1.0, 1.0)),
             fabric=material,
@@ -139,7 +141,7 @@ def force_basis(window: Window) -> Float[Tensor, "vertices coefficients 3"]:
     direction = geometry.direction[1].detach()
     pull = ((v[second] - v[first]) * direction).sum(-1, keepdim=True) * direction
     damper = torch.zeros_like(v).index_add(0, first, pull).index_add(0, second, -pull)
-    return torch.stack([*springs[1:], *hinges, damper, -v], 1)
+    return torch.stack([*springs, *hinges, damper, -v], 1)
 
 
 def balanced(
