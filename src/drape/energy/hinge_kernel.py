@@ -23,6 +23,7 @@ from drape.energy.compiled import (
     logarithm,
 )
 from drape.energy.spline_plane import MARGIN
+from drape.scene.geometry import DEGENERATE
 
 EDGE, ARM1, ARM2, NORMAL1, NORMAL2 = (3 * BLOCK * k for k in range(5))
 ON_END, ON_THIRD, ON_FOURTH = (3 * BLOCK * k for k in range(5, 8))
@@ -31,8 +32,6 @@ LENGTH, SQUARE1, SQUARE2, STRETCH, ANGLE, U, V, AT_Z, AT_Y, BY_Z, BY_Y, FOOT1, F
 )
 K, K_U, K_V, K_UU, K_UV, K_VV, B, B_U, B_V, B_UU, B_UV, B_VV, SUMS = (BLOCK * k for k in range(13))
 """Where the quantities of a block stand: of its geometry, and of its two splines with their derivatives."""
-DEGENERATE = 0.25
-"""Below this cos² + sin² one of the two faces has no area and the angle counts as unchanged."""
 
 
 class Tables(NamedTuple):
