@@ -21,6 +21,8 @@ TINY = 1e-6
 """Relative size below which lengths, areas and projections count as zero."""
 DEGENERATE = 0.25
 """Below this cos² + sin² of a dihedral angle one of the two faces has no area, and there is no angle."""
+HALF_TURN = 1e-5
+"""How near to -π a dihedral angle counts as π [rad]: above what rounding leaves of positions in single precision."""
 
 
 @runtime_checkable
@@ -176,11 +178,16 @@ def subtract_angles(angle: Float[Tensor, "... 2"], rest: Float[Tensor, "... 2"])
 def hinge_change(
     hinge: Float[Tensor, "... edges 2"], rest: Float[Tensor, "edges 2"], without: Bool[Tensor, " edges"] | None = None
 ) -> Float[Tensor, "... edges"]:
-    """Δθ, the change of the dihedral angle from that at ``rest`` [rad], in (-π, π], of angles given as (cos, sin).
+    """Δθ, the change of the dihedral angle from that at ``rest`` [rad], of angles given as (cos, sin).
 
-    0 where there is no angle: ``without``, and where one of the two faces has no area.
+    0 where there is no angle: ``without``, and where one of the two faces has no area. In (-π, π]: an energy that does
+    not know the sides of a fabric goes on continuously through half a turn, at its highest, where its force changes
+    sides. A fold of exactly half a turn opens to one side, not each of its edges as the last digit falls: within
+    ``HALF_TURN`` of -π, where Δθ is π less as much as it was more than -π, its slope stays that of π.
     """
     cosine, sine = subtract_angles(hinge, rest).mT.unbind(-2)
     flat = cosine.square() + sine.square() < DEGENERATE
     flat = flat if without is None else flat | without
-    return torch.atan2(sine.masked_fill(flat, 0.0), cosine.masked_fill(flat, 1.0))
+    angle = torch.atan2(sine.masked_fill(flat, 0.0), cosine.masked_fill(flat, 1.0))
+    fixed = angle.detach()
+    return angle - (2.0 * fixed).masked_fill(fixed > HALF_TURN - torch.pi, 0.0)
