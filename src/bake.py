@@ -8,7 +8,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from drape import config as conf
-from drape.energy.baked_hinges import save_baked
+from drape.energy.baked_file import save_baked
 from drape.energy.baking import bake
 from drape.energy.hinge_law import NetworkHinges
 from drape.energy.load_law import load_law

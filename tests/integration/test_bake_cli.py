@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from drape.energy.baked_hinges import read_baked
+from drape.energy.baked_file import read_baked
 from drape.energy.load_law import load_law
 from tests.energies import PAPER, make_energy, write_checkpoint
 from tests.integration.conftest import ROOT, Run, in_process

@@ -12,7 +12,7 @@ ENERGIES = """
 import hashlib
 import numpy as np
 import torch
-from drape.energy.baked_hinges import read_baked
+from drape.energy.baked_file import read_baked
 from drape.energy.hinge_elastic import HingeEdges, HingeElastic
 from drape.energy.hinge_kernel import add_hessian, energies_and_forces
 from drape.scene.grid import square_grid

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from drape.contact.coarseness import curvatures, least_radius, too_coarse
+from drape.contact.coarseness import Turns, curvatures, least_radius, too_coarse
 from drape.scene.grid import square_grid
 from drape.scene.obstacle import Obstacle
 
@@ -20,7 +20,8 @@ def radius_of(body: trimesh.Trimesh) -> float:
 
 
 def test_a_sphere_is_curved_by_its_radius():
-    curvature, area = curvatures(np.asarray(SPHERE.vertices), np.asarray(SPHERE.faces))
+    x, faces = np.asarray(SPHERE.vertices), np.asarray(SPHERE.faces)
+    curvature, area = curvatures(Turns.of(x, faces), len(x), faces)
     assert 1 / curvature == pytest.approx(np.full(len(area), 1.2), rel=0.15)
     assert area.sum() == pytest.approx(SPHERE.area)
     assert radius_of(SPHERE) == pytest.approx(1.2, rel=0.08)

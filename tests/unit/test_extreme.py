@@ -74,6 +74,19 @@ def test_what_is_no_extreme_for_phys_converges(case, tmp_path):
     assert result.drift is None or result.drift < 1e-12
 
 
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_a_cloth_folded_onto_itself_opens_to_one_side(precision, tmp_path):
+    """Along a line of vertices, by half a turn more or less what rounding leaves: to the same side, all along it."""
+    angles = 180.0, -180.0, 180.0 + 1e-7, 180.0 - 1e-7
+    changes = ("energy=eunet_baked", "scene.resolution=5", "simulator.iterations=99")
+    changes = (*changes, f"simulator.precision={precision}")
+    ends = [animated(config_of(f"folded {angle}", *changes), tmp_path / f"{angle}.h5") for angle in angles]
+    for end in ends:
+        assert set(end.outcomes) == {Outcome.CONVERGED}
+        np.testing.assert_allclose(end.x, ends[0].x, atol=1e-3)
+    assert np.ptp(ends[0].x[:, 2]) > 0.1
+
+
 def test_beyond_all_numbers_the_cloth_stays_and_says_so(tmp_path):
     result = animated(config_of("scramble 1e20", "energy=phys", "simulator.precision=float32"), tmp_path / "a.h5")
     assert set(result.outcomes) == {Outcome.NOT_FINITE}

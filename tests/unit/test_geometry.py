@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from drape.scene.geometry import EdgeGeometry, subtract_angles
+from drape.scene.geometry import HALF_TURN, EdgeGeometry, subtract_angles
 from drape.scene.grid import square_grid
 from drape.scene.mesh import ClothMesh
 from drape.scene.mesh_batch import MeshBatch
@@ -168,6 +168,19 @@ def test_a_hinge_closes_without_a_jump():
     x = torch.stack([torch.tensor(fold(degrees)) for degrees in range(-179, 180)])
     change = EdgeGeometry(x, mesh).hinge_change[:, ~mesh.boundary]
     torch.testing.assert_close(change[1:] - change[:-1], torch.full_like(change[1:], -math.radians(1.0)))
+
+
+def test_half_a_turn_is_passed_without_a_jump():
+    """The size of the angle falls as it rose; folds of half a turn are on one side, whatever rounding says."""
+    mesh, near = folded(0.0), np.array([-1.0, -1e-3, -1e-5, -1e-8, 0.0, 1e-8, 1e-5, 1e-3, 1.0])
+    x = torch.stack([torch.tensor(fold(180.0 + degrees)) for degrees in near]).requires_grad_()
+    change = EdgeGeometry(x, mesh).hinge_change[:, ~mesh.boundary][:, 0]
+    np.testing.assert_allclose(change.abs().detach(), np.pi - np.radians(np.abs(near)), atol=1e-9)
+    passed = np.radians(near) >= HALF_TURN
+    assert passed.sum() == 2
+    assert np.array_equal(np.sign(change.detach()), np.where(np.radians(near) <= -HALF_TURN, -1.0, 1.0))
+    (slope,) = torch.autograd.grad(change.sum(), x)
+    torch.testing.assert_close(slope, slope[:1].expand_as(slope), rtol=0.0, atol=0.05)
 
 
 def test_a_face_without_area_has_no_hinge():

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from drape.energy import fabric
+from drape.energy.bending import Bending
 from drape.energy.deformation import Stretch, StretchBending
 from drape.energy.edge_law import NetworkLaw
 from drape.energy.hinge_elastic import Damping, HingeElastic
@@ -60,6 +61,25 @@ def test_two_triangles(degrees, size):
     # the far corner turns about the edge, at a distance of `size`, by the moment of the hinge
     along = torch.tensor([0.0, -math.sin(theta), math.cos(theta)], dtype=torch.float64)
     assert float(gradient[3] @ along) == pytest.approx(0.3 * theta / size, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", [*LAWS, "bending"])
+def test_a_motion_through_half_a_turn(name):
+    """Energies go on where they were, highest at half a turn; forces are finite, and turn over once, behind it."""
+    rest = np.array([[0, 0, 0], [1, 0, 0], [0.5, -1, 0], [0.5, 1, 0.0]])
+    step, _ = make_step(ClothMesh.from_faces(rest, np.array([[0, 1, 2], [0, 3, 1]])))
+    term = Bending() if name == "bending" else HingeElastic(LAWS[name](), transfer=False)
+    energies, moments = [], []
+    beyond = np.array([-2e-4, -1e-4, -1e-6, -1e-15, 0.0, 1e-15, 1e-6, 1e-4, 2e-4])
+    for theta in np.pi + beyond:
+        x = torch.tensor(rest)
+        x[3, 1:] = torch.tensor([math.cos(theta), math.sin(theta)], dtype=torch.float64)
+        energy, gradient = term.energy_and_gradient(x, step)
+        energies.append(energy.item())
+        moments.append(float(gradient[3] @ torch.tensor([0.0, -math.sin(theta), math.cos(theta)]).double()))
+    size = abs(moments[0])
+    np.testing.assert_allclose(energies, energies[4] - size * np.abs(beyond), rtol=1e-7)
+    np.testing.assert_allclose(moments, size * np.where(beyond < 1e-5, 1.0, -1.0), rtol=1e-3)
 
 
 def test_springs_and_hinges_at_rest_are_known():

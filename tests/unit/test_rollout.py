@@ -13,7 +13,7 @@ import drape
 from drape.contact.nearest_faces import NearestFaces
 from drape.data.animation_hdf5 import AnimationFile, AnimationHeader
 from drape.data.animation_writer import AnimationWriter
-from drape.energy.baked_hinges import read_baked
+from drape.energy.baked_file import read_baked
 from drape.energy.hinge_elastic import Damping, HingeElastic
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.scene.obstacle import Obstacle

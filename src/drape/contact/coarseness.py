@@ -57,7 +57,7 @@ def least_radius(x: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "fac
     Sharp edges count as curved over the faces beside them: those of a large floor, or of finely divided boxes, are
     a small share of the area or of a large radius.
     """
-    curvature, area = curvatures(x, faces)
+    curvature, area = curvatures(Turns.of(x, faces), len(x), faces)
     order = np.argsort(-curvature)
     place = np.searchsorted(np.cumsum(area[order]), SHARE * area.sum())
     highest = curvature[order[min(place, len(order) - 1)]]
@@ -65,21 +65,22 @@ def least_radius(x: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "fac
 
 
 def curvatures(
-    x: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
+    turns: Turns, num_vertices: int, faces: Int[np.ndarray, "faces 3"]
 ) -> tuple[Float[np.ndarray, " vertices"], Float[np.ndarray, " vertices"]]:
     """The larger principal curvature at each vertex [1/m], positive where convex, and the area of the vertex [m²].
+
+    Of a mesh with these ``turns``.
 
     ``Σ_e ½ l_e β_e t_e t_eᵀ / A`` over the edges at a vertex, of length l, with the angle β between the normals of
     their two faces and the direction t across them on the surface (Cohen-Steiner and Morvan 2003). A is a third of
     the faces at the vertex.
     """
-    turns = Turns.of(x, faces)
     each = 0.5 * (turns.length * turns.angle)[:, None, None] * turns.across[:, :, None] * turns.across[:, None, :]
-    total, area = np.zeros((len(x), 3, 3)), np.zeros(len(x))
+    total, area = np.zeros((num_vertices, 3, 3)), np.zeros(num_vertices)
     for corner in turns.edges.T:
         np.add.at(total, corner, each)
     for corner in faces.T:
-        np.add.at(area, corner, np.linalg.norm(_normals(x, faces), axis=1) / 6.0)
+        np.add.at(area, corner, turns.face_area / 3.0)
     return np.linalg.eigvalsh(total / np.maximum(area, 1e-30)[:, None, None])[:, 2], area
 
 
@@ -95,11 +96,13 @@ class Turns(NamedTuple):
     """The direction on the surface that is normal to the edge."""
     faces: Int[np.ndarray, "edges 2"]
     """The first runs along the edge as ``edges`` does."""
+    face_area: Float[np.ndarray, " faces"]
+    """Of all faces of the mesh [m²]."""
 
     @classmethod
     def of(cls, x: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]) -> Turns:
         """Of a mesh; faces without area have no edges, nor have more than two faces one where they meet."""
-        normal = _normals(x, faces)
+        normal = np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
         size = np.linalg.norm(normal, axis=1)
         has_area = np.flatnonzero(size > 1e-9 * size.max())
         unit = normal[has_area] / size[has_area, None]
@@ -111,11 +114,7 @@ class Turns(NamedTuple):
         angle = np.arctan2(turn, np.einsum("ei,ei->e", left, right))
         across = np.cross(along, left + right)
         across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-30)
-        return cls(edges, length, angle, across, has_area[np.stack([first, second], 1)])
-
-
-def _normals(x: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "faces 3"]:
-    return np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
+        return cls(edges, length, angle, across, has_area[np.stack([first, second], 1)], 0.5 * size)
 
 
 def _inner_edges(faces: Int[np.ndarray, "faces 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

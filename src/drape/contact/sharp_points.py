@@ -50,8 +50,8 @@ class SharpPoints:
         Along edges they are at most half of ``spacing`` apart, as edges of the cloth run between them, up to ``MOST``.
         """
         x, faces = obstacle.at(0), obstacle.welded_faces
-        curvature, _ = curvatures(x, faces)
         turns = Turns.of(x, faces)
+        curvature, _ = curvatures(turns, len(x), faces)
         across = 0.5 * spacing * np.tan(0.5 * np.clip(turns.angle, 0.0, 0.9 * np.pi))
         angles = trimesh.triangles.angles(x[faces]).ravel()
         at_vertex = sparse.csr_array((angles, (faces.ravel(), np.arange(len(angles)) // 3)), (len(x), len(faces)))

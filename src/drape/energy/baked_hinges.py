@@ -1,30 +1,18 @@
-"""The law of one fabric as splines, in memory and on disk, with a certificate of how far it is from its network."""
+"""The law of one fabric as splines, with a certificate of how far it is from its network."""
 
 from __future__ import annotations
 
-import json
-import zipfile
-import zlib
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from typing import NamedTuple
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.data.whole_file import whole_file
-from drape.energy.hinge_law import HingeLaw, HingeSlopes
+from drape.energy.hinge_law import HingeLaw
 from drape.energy.spline_plane import SplinePlane
 from drape.errors import DrapeError
 from drape.scene.material import Material
-
-FORMAT = "drape baked law"
-VERSION = 2
-NUMBERS = ("stretch_scale", "angle_scale", "face_area", "damper", "drag")
-"""What stands in the file as the arguments of :class:`BakedHinges` of the same names."""
-ROUNDING = 1e-9
-"""Relative difference of stored samples up to which the certificate of a table that is read holds."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +28,8 @@ class Certificate:
     """Largest relative differences between a baked law and its network, wherever the table covers.
 
     ``energy``: of φp; ``force``: of its slopes in Δl and Δθ, each relative to the size of a slope that a spring and a
-    hinge alone have there, ``2 φp / |Δl|`` and ``2 φp / |Δθ|``, so that small deformations count as large ones do.
+    hinge alone have there, ``2 φp / |Δl|`` and ``2 φp / |Δθ|``, so that small deformations count as large ones do;
+    ``constants``: of :attr:`HingeLaw.constants`.
     """
 
     fabric: str
@@ -54,11 +43,12 @@ class Certificate:
     """That baking took."""
     energy: float
     force: float
+    constants: float
 
     @classmethod
-    def of(cls, baked: HingeLaw, q: Float[Tensor, "samples 2"], true: HingeSlopes, **facts: object) -> Certificate:
-        """Of a table, compared with what its network says at ``q``."""
-        return cls(**facts, **differences(baked, q, true.energy, true.gradient))
+    def of(cls, baked: HingeLaw, true: Samples, **facts: object) -> Certificate:
+        """Of a table, compared with what its network says."""
+        return cls(**facts, **true.differences(baked))
 
     def check(self, bounds: Bounds) -> None:
         """Refuse a table that is too far from its network.
@@ -84,17 +74,33 @@ class Certificate:
         )
 
 
-def differences(
-    baked: HingeLaw,
-    q: Float[Tensor, "samples 2"],
-    energy: Float[Tensor, " samples"],
-    slopes: Float[Tensor, "samples 2"],
-) -> dict[str, float]:
-    """``energy`` and ``force`` of a :class:`Certificate`."""
-    found = baked.slopes(q)
-    size = energy.abs().clamp(min=torch.finfo(energy.dtype).tiny)
-    force = (found.gradient - slopes).abs() * q.abs() / (2.0 * size[:, None])
-    return {"energy": float(((found.energy - energy).abs() / size).max()), "force": float(force.max())}
+class Samples(NamedTuple):
+    """What a network says, for a table to be compared with."""
+
+    q: Float[Tensor, "samples 2"]
+    """(Δl [m], Δθ [rad])"""
+    energy: Float[Tensor, " samples"]
+    slopes: Float[Tensor, "samples 2"]
+    constants: Float[Tensor, "3"]
+
+    @classmethod
+    def of(cls, law: HingeLaw, q: Float[Tensor, "samples 2"]) -> Samples:
+        """Those of ``law`` at ``q``."""
+        found = law.slopes(q)
+        return cls(q, found.energy, found.gradient, law.constants)
+
+    def every(self, stride: int) -> Samples:
+        """One of ``stride`` of them."""
+        return Samples(self.q[::stride], self.energy[::stride], self.slopes[::stride], self.constants)
+
+    def differences(self, baked: HingeLaw) -> dict[str, float]:
+        """``energy``, ``force`` and ``constants`` of a :class:`Certificate`."""
+        found, tiny = baked.slopes(self.q), torch.finfo(self.energy.dtype).tiny
+        size = self.energy.abs().clamp(min=tiny)
+        force = (found.gradient - self.slopes).abs() * self.q.abs() / (2.0 * size[:, None])
+        constants = (baked.constants - self.constants).abs() / self.constants.abs().clamp(min=tiny)
+        energy = (found.energy - self.energy).abs() / size
+        return {"energy": float(energy.max()), "force": float(force.max()), "constants": float(constants.max())}
 
 
 class BakedHinges(HingeLaw):
@@ -105,8 +111,8 @@ class BakedHinges(HingeLaw):
     """
 
     certificate: Certificate
-    samples: Float[Tensor, "samples 5"]
-    """(Δl, Δθ, φp and its two slopes) of the network, at which the certificate is checked when the table is read."""
+    samples: Samples
+    """Of the network, with which the certificate is checked when the table is read."""
 
     def __init__(
         self,
@@ -128,67 +134,3 @@ class BakedHinges(HingeLaw):
         z, y = q[:, 0] / self.stretch_scale, q[:, 1] / self.angle_scale
         k, b = self.plane(torch.asinh(z), torch.log1p(y.square()))
         return 0.5 * (k * z.square() + b * y.square())
-
-
-def save_baked(law: BakedHinges, path: Path) -> None:
-    """Write ``law`` and its certificate; the file is whole or not there."""
-    content = {name: getattr(law, name) for name in NUMBERS}
-    content |= {"fabric": asdict(law.fabric), "attributes": law.attributes.tolist()}
-    content |= {"format": FORMAT, "version": VERSION, "first": law.plane.first, "step": law.plane.step}
-    content |= {"certificate": asdict(law.certificate)}
-    with whole_file(path) as temporary:
-        np.savez_compressed(
-            temporary,
-            content=np.array(json.dumps(content)),
-            table=law.plane.values,
-            samples=law.samples.numpy(),
-        )
-
-
-def read_baked(path: str | Path) -> BakedHinges:
-    """The law of a table, compared at stored samples with the network that it was made from.
-
-    Raises:
-        DrapeError: no such file, not a table of this program, another version of it, or a damaged one.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise DrapeError(f"{path}: no such table; python src/bake.py fabric=... path={path} makes one")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        content = json.loads(str(arrays.pop("content")))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise DrapeError(
-            f"{path}: cannot be read as a table ({type(error).__name__}): damaged, or not written by src/bake.py; "
-            "bake it again"
-        ) from error
-    found = (content.get("format"), content.get("version")) if isinstance(content, dict) else (None, None)
-    if found != (FORMAT, VERSION):
-        raise DrapeError(f"{path}: found format {found}; expected {(FORMAT, VERSION)}; bake it again")
-    try:
-        law = _law(content, arrays)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise DrapeError(f"{path}: damaged: {type(error).__name__} {error}; bake it again") from error
-    q, energy, slopes = law.samples[:, :2], law.samples[:, 2], law.samples[:, 3:]
-    for name, share in differences(law, q, energy, slopes).items():
-        promised = getattr(law.certificate, name)
-        if not share <= promised * (1.0 + ROUNDING) + ROUNDING:
-            raise DrapeError(
-                f"{path}: its {name} differs by {share:.1e} from that of its network, where its certificate says at "
-                f"most {promised:.1e}: damaged; bake it again"
-            )
-    return law
-
-
-def _law(content: dict, arrays: dict[str, np.ndarray]) -> BakedHinges:
-    stored = content["certificate"].items()
-    law = BakedHinges(
-        SplinePlane(arrays["table"], tuple(content["first"]), tuple(content["step"])),
-        fabric=Material(**content["fabric"]),
-        attributes=torch.tensor(content["attributes"], dtype=torch.float64),
-        **{name: content[name] for name in NUMBERS},
-    )
-    law.certificate = Certificate(**{key: tuple(value) if isinstance(value, list) else value for key, value in stored})
-    law.samples = torch.from_numpy(arrays["samples"])
-    return law

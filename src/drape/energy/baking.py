@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.energy.baked_hinges import BakedHinges, Certificate
+from drape.energy.baked_hinges import BakedHinges, Certificate, Samples
 from drape.energy.hinge_law import NetworkHinges
 from drape.energy.spline_plane import SplinePlane
 from drape.errors import DrapeError
@@ -70,14 +70,12 @@ def bake(
         plane, fabric=fabric, attributes=law.attributes, stretch_scale=scales[0], angle_scale=scales[1],
         face_area=law.face_area, damper=law.damper, drag=law.drag,
     )  # fmt: skip
-    q = _samples(stretch, scales)
-    true = law.slopes(q)
+    true = Samples.of(law, _deformations(stretch, scales))
     baked.certificate = Certificate.of(
-        baked, q, true, fabric=fabric.name, checkpoint=checkpoint, sha256=sha256, nodes=plane.nodes, stretch=stretch,
+        baked, true, fabric=fabric.name, checkpoint=checkpoint, sha256=sha256, nodes=plane.nodes, stretch=stretch,
         seconds=time.perf_counter() - began,
     )  # fmt: skip
-    kept = slice(None, None, SAMPLES // KEPT)
-    baked.samples = torch.cat([q[kept], true.energy[kept, None], true.gradient[kept]], 1)
+    baked.samples = true.every(SAMPLES // KEPT)
     return baked
 
 
@@ -87,7 +85,7 @@ def _nodes(ends: list[float], step: float) -> tuple[Float[np.ndarray, " nodes"],
     return step * np.arange(first, last + 1), first
 
 
-def _samples(stretch: tuple[float, float], scales: tuple[float, float]) -> Float[Tensor, "samples 2"]:
+def _deformations(stretch: tuple[float, float], scales: tuple[float, float]) -> Float[Tensor, "samples 2"]:
     """Everything that a table covers, even in its coordinates."""
     random = torch.Generator().manual_seed(0)
     share = torch.rand(SAMPLES, 3, generator=random, dtype=torch.float64)

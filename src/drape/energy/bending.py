@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -12,11 +11,8 @@ from drape.energy.per_mesh import PerMesh, everywhere, hold, of_pieces
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.errors import DrapeError
-from drape.scene.geometry import TINY
+from drape.scene.geometry import TINY, hinge_change
 from drape.scene.rest_shape import HingeShape
-
-DEGENERATE = 1e-12
-"""Below this cos² + sin² one of the two faces has no area and the angle counts as zero."""
 
 
 class _Bend(NamedTuple):
@@ -31,8 +27,9 @@ class Bending(EnergyTerm):
     """``Σ_hinges k l² / (4 (A1 + A2)) · Δθ²/2`` [J] (FACTS 3.4).
 
     l is the length of the edge as it is now, A1 and A2 are the rest areas of its faces, Δθ is the change of the
-    dihedral angle from the rest state (HOOD takes a flat one), in (-π, π]. So an energy is half the square of
-    ``r = l Δθ``, and its gradient and Gauss-Newton Hessian come from ∂r/∂x, which stays bounded as l goes to zero.
+    dihedral angle from the rest state (HOOD takes a flat one), see :func:`hinge_change`. So an energy is half the
+    square of ``r = l Δθ``, and its gradient and Gauss-Newton Hessian come from ∂r/∂x, which stays bounded as l goes to
+    zero.
 
     Args:
         stiffness: k [J]; one number, or one for each mesh of the batch. The default is HOOD's.
@@ -76,11 +73,7 @@ class Bending(EnergyTerm):
     def _bend(self, x: Float[Tensor, "vertices 3"], step: Step) -> _Bend:
         rest = step.mesh.rest_hinges
         shape = HingeShape(rest.corners.gather(x), TINY * step.mesh.length_scale)
-        rest_cosine, rest_sine = rest.cosine.to(x.dtype), rest.sine.to(x.dtype)
-        cosine = shape.cosine * rest_cosine + shape.sine * rest_sine
-        sine = shape.sine * rest_cosine - shape.cosine * rest_sine
-        flat = cosine.square() + sine.square() < DEGENERATE
-        angle = torch.atan2(sine, cosine.masked_fill(flat, 1.0))
+        angle = hinge_change(shape.angle, rest.angle.to(x.dtype))
         stiffness = of_pieces(self.stiffness, step, rest.corners.vertices[:, 0], x.dtype)
         return _Bend(shape, angle, (stiffness / (4.0 * rest.area)).to(x.dtype))
 

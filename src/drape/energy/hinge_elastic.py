@@ -10,12 +10,12 @@ from torch import Tensor
 from drape.energy.baked_hinges import BakedHinges
 from drape.energy.edge_scale import EdgeScale
 from drape.energy.hessian import Filled
-from drape.energy.hinge_kernel import BLOCK, DEGENERATE, Edges, Tables, add_hessian, energies_and_forces
+from drape.energy.hinge_kernel import BLOCK, Edges, Tables, add_hessian, energies_and_forces
 from drape.energy.hinge_law import HingeLaw
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.scene.corners import Corners, dot
-from drape.scene.geometry import TINY
+from drape.scene.geometry import TINY, hinge_change
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.rest_shape import HingeShape
 
@@ -31,9 +31,8 @@ class HingeEdges:
         opposite = mesh.faces[mesh.edge_faces].sum(-1) - mesh.edges.sum(-1, keepdim=True)
         self.corners = Corners.of(torch.cat([mesh.edges, opposite], -1))
         self.smallest = TINY * float(mesh.length_scale)
-        rest = HingeShape(self.corners.gather(mesh.rest_positions), 0.0)
+        self.rest_angle = HingeShape(self.corners.gather(mesh.rest_positions), 0.0).angle
         self.inner = (~mesh.boundary).double()
-        self.rest_angle = torch.atan2(rest.sine, rest.cosine) * self.inner
         scale = None if face_area is None else EdgeScale(mesh, face_area)
         same = scale is None or scale.same
         self.size = torch.ones_like(mesh.rest_lengths) if same else scale.rest
@@ -53,7 +52,7 @@ class HingeEdges:
             corners=filled(self.corners.vertices.int(), 0.0),
             inner=filled(self.inner, 0.0),
             rest_length=filled(self.mesh.rest_lengths.double(), 0.0),
-            rest_angle=filled(self.rest_angle, 0.0),
+            rest_angle=filled(torch.atan2(*self.rest_angle.mT.flip(0)) * self.inner, 0.0),
             size=filled(self.size.double(), 1.0),
             share=filled(self.share.double(), 0.0),
             smallest=self.smallest,
@@ -201,10 +200,7 @@ class Damping(EnergyTerm):
 
 def _deformation(x: Tensor, edges: HingeEdges) -> tuple[Float[Tensor, "2 edges"], HingeShape]:
     shape = HingeShape(edges.corners.gather(x), edges.smallest)
-    flat = (shape.cosine.square() + shape.sine.square() < DEGENERATE) | edges.mesh.boundary
-    angle = torch.atan2(shape.sine.masked_fill(flat, 0.0), shape.cosine.masked_fill(flat, 1.0))
-    angle = (angle - edges.rest_angle.to(x.dtype)).masked_fill(flat, 0.0)
-    angle = angle - 2.0 * torch.pi * torch.round(angle.detach() / (2.0 * torch.pi))
+    angle = hinge_change(shape.angle, edges.rest_angle.to(x.dtype), edges.mesh.boundary)
     return torch.stack([shape.length - edges.mesh.rest_lengths.to(x.dtype), angle]), shape
 
 

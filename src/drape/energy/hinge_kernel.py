@@ -23,6 +23,7 @@ from drape.energy.compiled import (
     logarithm,
 )
 from drape.energy.spline_plane import MARGIN
+from drape.scene.geometry import DEGENERATE, HALF_TURN
 
 EDGE, ARM1, ARM2, NORMAL1, NORMAL2 = (3 * BLOCK * k for k in range(5))
 ON_END, ON_THIRD, ON_FOURTH = (3 * BLOCK * k for k in range(5, 8))
@@ -31,8 +32,6 @@ LENGTH, SQUARE1, SQUARE2, STRETCH, ANGLE, U, V, AT_Z, AT_Y, BY_Z, BY_Y, FOOT1, F
 )
 K, K_U, K_V, K_UU, K_UV, K_VV, B, B_U, B_V, B_UU, B_UV, B_VV, SUMS = (BLOCK * k for k in range(13))
 """Where the quantities of a block stand: of its geometry, and of its two splines with their derivatives."""
-DEGENERATE = 0.25
-"""Below this cos² + sin² one of the two faces has no area and the angle counts as unchanged."""
 
 
 class Tables(NamedTuple):
@@ -96,6 +95,7 @@ def _deform(buffer, inner, rest_length, rest_angle, size, smallest, stretch_scal
         sine = -(n0 * b0 + n1 * b1 + n2 * b2) * length
         angle = arctangent2(sine, cosine) - rest_angle[e]
         angle = inner[e] * (angle - 2.0 * math.pi * np.rint(angle / (2.0 * math.pi)))
+        angle = angle if angle > HALF_TURN - math.pi else -angle
         angle = 0.0 if cosine * cosine + sine * sine < DEGENERATE * square1 * square2 else angle
         buffer[NORMAL1 + e], buffer[NORMAL1 + BLOCK + e], buffer[NORMAL1 + 2 * BLOCK + e] = n0, n1, n2
         buffer[NORMAL2 + e], buffer[NORMAL2 + BLOCK + e], buffer[NORMAL2 + 2 * BLOCK + e] = m0, m1, m2

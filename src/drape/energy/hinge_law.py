@@ -36,6 +36,11 @@ class HingeLaw(nn.Module, ABC):
         super().__init__()
         self.face_area, self.damper, self.drag = face_area, damper, drag
 
+    @property
+    def constants(self) -> Float[Tensor, "3"]:
+        """(face_area, damper, drag)."""
+        return torch.tensor([self.face_area, self.damper, self.drag], dtype=torch.float64)
+
     @abstractmethod
     def potential(self, q: Float[Tensor, "edges 2"]) -> Float[Tensor, " edges"]:
         """φp of q = (Δl [m], Δθ [rad]), the changes from rest [J]; twice differentiable in q."""
@@ -84,4 +89,3 @@ class WithoutHinges(HingeLaw):
 
     def potential(self, q: Float[Tensor, "edges 2"]) -> Float[Tensor, " edges"]:
         return self.law.potential(q * q.new_tensor([1.0, 0.0]))
-

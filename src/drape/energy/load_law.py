@@ -6,7 +6,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from drape.energy.baked_hinges import BakedHinges, read_baked
+from drape.energy.baked_file import read_baked
+from drape.energy.baked_hinges import BakedHinges
 from drape.energy.checkpoint import load_energy, read_checkpoint
 from drape.energy.edge_law import NetworkLaw
 from drape.energy.hinge_law import NetworkHinges
@@ -18,9 +19,7 @@ SAME = 1e-6
 """Relative difference of a setting up to which a fabric is the one that was baked."""
 
 
-def load_law(
-    checkpoint: str, material: Material
-) -> tuple[NetworkLaw | NetworkHinges, Float[Tensor, " attributes"]]:
+def load_law(checkpoint: str, material: Material) -> tuple[NetworkLaw | NetworkHinges, Float[Tensor, " attributes"]]:
     """The law that a checkpoint of ``train.py`` holds, and the vector **a** of the fabric in its scales.
 
     Raises:
@@ -47,7 +46,7 @@ def load_baked(table: str, material: Material) -> tuple[BakedHinges, Float[Tenso
     """The law that a table of ``bake.py`` holds, and the vector **a** that it was baked for.
 
     Raises:
-        DrapeError: see :func:`drape.energy.baked_hinges.read_baked`; or the table is of another fabric, by its name or
+        DrapeError: see :func:`drape.energy.baked_file.read_baked`; or the table is of another fabric, by its name or
             by its settings.
     """
     law = read_baked(table)

@@ -35,27 +35,54 @@ class StepEnergies:
         return EdgeGeometry(self.window.x, self.window.mesh)
 
     @cached_property
-    def _x_next(self) -> Float[Tensor, "vertices 3"]:
-        return self.window.x_next.detach().requires_grad_()
+    def _x(self) -> Float[Tensor, "frames vertices 3"]:
+        """Where forces act, t+1 last; t+1 alone, unless the energy knows at which frames they do."""
+        window = self.window
+        frames = [window.x_next] if self.energy.timing is None else [window.x_prev, window.x, window.x_next]
+        return torch.stack(frames).detach().requires_grad_()
 
     @cached_property
-    def _inputs_next(self) -> dict[str, Tensor]:
+    def _inputs(self) -> dict[str, Tensor]:
+        """What the units see: potential ones at all frames, ``frames edges inputs``, dissipation ones at t+1."""
         with torch.enable_grad():
-            return self.energy.inputs(EdgeGeometry(self._x_next, self.window.mesh), self.current, self.window.dt)
+            inputs = {"potential": self.energy.potential.inputs(EdgeGeometry(self._x, self.window.mesh))}
+            if self.energy.dissipates:
+                after = EdgeGeometry(self._x[-1], self.window.mesh)
+                inputs["dissipation"] = self.energy.units["dissipation"].inputs(after, self.current, self.window.dt)
+        return inputs
 
     @cached_property
     def _leaves(self) -> dict[str, Tensor]:
-        return {name: value.detach().requires_grad_() for name, value in self._inputs_next.items()}
+        return {name: value.detach().requires_grad_() for name, value in self._inputs.items()}
+
+    @cached_property
+    def _potentials(self) -> Float[Tensor, "frames edges"]:
+        """φp of each edge at all frames [J]."""
+        with torch.enable_grad():
+            inputs = self._leaves["potential"]
+            attributes = self.attributes.repeat(len(inputs), 1)
+            return self.energy.potential.energies(inputs.flatten(0, 1), attributes).unflatten(0, (len(inputs), -1))
+
+    @cached_property
+    def _dissipated(self) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
+        """φd of each edge, and the energy that it loses [J]."""
+        with torch.enable_grad():
+            return self.energy.units["dissipation"].energies(self._leaves["dissipation"], self.attributes)
 
     @cached_property
     def next(self) -> EdgeEnergies:
         """Energies of each edge for the step to t+1 [J]."""
-        with torch.enable_grad():
-            return self.energy.energies(self._leaves, self.attributes)
+        potential = self._potentials[-1]
+        if not self.energy.dissipates:
+            return EdgeEnergies(potential, potential)
+        dissipation, lost = self._dissipated
+        return EdgeEnergies(potential + dissipation, potential + lost)
 
     @cached_property
     def potential(self) -> Float[Tensor, " edges"]:
         """φp of each edge at t [J]."""
+        if self.energy.timing is not None:
+            return self._potentials[1]
         units = self.energy.potential
         return units.energies(units.inputs(self.current), self.attributes)
 
@@ -69,32 +96,15 @@ class StepEnergies:
         """∂Φ/∂x [N], minus the internal and damping force on each vertex: that at t+1, or, of an energy that knows at
         which frames forces act, the mean of those at t-1, t and t+1 with these weights.
         """
-        if self.energy.timing is not None:
-            return self._weighted_gradient
+        timing = self.energy.timing
         with torch.enable_grad():
-            total = self.next.total.sum()
+            total = self._potentials.sum() + (self._dissipated[0].sum() if self.energy.dissipates else 0.0)
             leaves = list(self._leaves.values())
-            slopes = torch.autograd.grad(total, leaves, create_graph=self.training, retain_graph=True)
-            return pullback(list(self._inputs_next.values()), self._x_next, slopes)
-
-    @cached_property
-    def _weighted_gradient(self) -> Float[Tensor, "vertices 3"]:
-        window, units = self.window, self.energy.potential
-        with torch.enable_grad():
-            x = torch.stack([window.x_prev, window.x, self._x_next.detach()]).requires_grad_()
-            inputs = units.inputs(EdgeGeometry(x, window.mesh))
-            leaves = inputs.detach().flatten(0, 1).requires_grad_()
-            total = units.energies(leaves, self.attributes.repeat(3, 1)).sum()
-            (slopes,) = torch.autograd.grad(total, leaves, create_graph=self.training)
-            weights = self.energy.timing(self.attributes)
-            weights = weights if self.training else weights.detach()
-            pulled = pullback([inputs], x, [weights * slopes.unflatten(0, (3, -1))]).sum(0)
-            if not self.energy.dissipates:
-                return pulled
-            leaf = self._leaves["dissipation"]
-            lost, _ = self.energy.units["dissipation"].energies(leaf, self.attributes)
-            (slopes,) = torch.autograd.grad(lost.sum(), leaf, create_graph=self.training)
-            return pulled + pullback([self._inputs_next["dissipation"]], self._x_next, [slopes])
+            slopes = list(torch.autograd.grad(total, leaves, create_graph=self.training, retain_graph=True))
+            if timing is not None:
+                weights = timing(self.attributes)
+                slopes[0] = slopes[0] * (weights if self.training else weights.detach())
+            return pullback(list(self._inputs.values()), self._x, slopes).sum(0)
 
     @cached_property
     def force_residual(self) -> Float[Tensor, "vertices 3"]:

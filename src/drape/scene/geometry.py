@@ -19,6 +19,10 @@ from torch import Tensor
 
 TINY = 1e-6
 """Relative size below which lengths, areas and projections count as zero."""
+DEGENERATE = 0.25
+"""Below this cos² + sin² of a dihedral angle one of the two faces has no area, and there is no angle."""
+HALF_TURN = 1e-5
+"""How near to -π a dihedral angle counts as π [rad]: above what rounding leaves of positions in single precision."""
 
 
 @runtime_checkable
@@ -157,13 +161,8 @@ class EdgeGeometry:
 
     @cached_property
     def hinge_change(self) -> Float[Tensor, "... edges"]:
-        """Δθ, the change of the dihedral angle from that of ``mesh.rest`` [rad], in (-π, π]; 0 on boundaries.
-
-        0 too where one of the two faces has no area.
-        """
-        cosine, sine = subtract_angles(self.hinge, self.mesh.rest.hinge).mT.unbind(-2)
-        flat = (cosine.square() + sine.square() < 0.25) | self.mesh.boundary
-        return torch.atan2(sine.masked_fill(flat, 0.0), cosine.masked_fill(flat, 1.0))
+        """Δθ, see :func:`hinge_change`, from ``mesh.rest``; 0 on boundaries."""
+        return hinge_change(self.hinge, self.mesh.rest.hinge, self.mesh.boundary)
 
 
 def _unit(pair: Float[Tensor, "... 2 edges"]) -> Float[Tensor, "... 2 edges"]:
@@ -174,3 +173,21 @@ def subtract_angles(angle: Float[Tensor, "... 2"], rest: Float[Tensor, "... 2"])
     """(cos, sin) of the difference of two angles given as (cos, sin)."""
     (c, s), (c_rest, s_rest) = angle.mT.unbind(-2), rest.mT.unbind(-2)
     return torch.stack([c * c_rest + s * s_rest, s * c_rest - c * s_rest], -2).mT
+
+
+def hinge_change(
+    hinge: Float[Tensor, "... edges 2"], rest: Float[Tensor, "edges 2"], without: Bool[Tensor, " edges"] | None = None
+) -> Float[Tensor, "... edges"]:
+    """Δθ, the change of the dihedral angle from that at ``rest`` [rad], of angles given as (cos, sin).
+
+    0 where there is no angle: ``without``, and where one of the two faces has no area. In (-π, π]: an energy that does
+    not know the sides of a fabric goes on continuously through half a turn, at its highest, where its force changes
+    sides. A fold of exactly half a turn opens to one side, not each of its edges as the last digit falls: within
+    ``HALF_TURN`` of -π, where Δθ is π less as much as it was more than -π, its slope stays that of π.
+    """
+    cosine, sine = subtract_angles(hinge, rest).mT.unbind(-2)
+    flat = cosine.square() + sine.square() < DEGENERATE
+    flat = flat if without is None else flat | without
+    angle = torch.atan2(sine.masked_fill(flat, 0.0), cosine.masked_fill(flat, 1.0))
+    fixed = angle.detach()
+    return angle - (2.0 * fixed).masked_fill(fixed > HALF_TURN - torch.pi, 0.0)

@@ -46,10 +46,8 @@ class RestHinges(NamedTuple):
     """
 
     corners: Corners
-    cosine: Float[Tensor, " hinges"]
-    """cos of the rest angle; 1 where flat."""
-    sine: Float[Tensor, " hinges"]
-    """sin of the rest angle, positive where the cloth bends away from its normals."""
+    angle: Float[Tensor, "hinges 2"]
+    """(cos, sin) of the rest angle; (1, 0) where flat, sin positive where the cloth bends away from its normals."""
     area: Float[Tensor, " hinges"]
     """Area of the two faces [m²]."""
 
@@ -66,8 +64,7 @@ class RestHinges(NamedTuple):
         corners = Corners.of(torch.cat([edges, opposite], -1))
         shape = HingeShape(corners.gather(rest_positions), 0.0)
         area = 0.5 * (shape.double_area1 + shape.double_area2)
-        size = torch.hypot(shape.cosine, shape.sine)
-        return cls(corners, shape.cosine / size, shape.sine / size, area)
+        return cls(corners, shape.angle / shape.angle.norm(dim=-1, keepdim=True), area)
 
 
 class HingeShape:
@@ -88,9 +85,10 @@ class HingeShape:
         self.double_area1 = _size(self.normal1, smallest**2 / TINY)
         self.double_area2 = _size(self.normal2, smallest**2 / TINY)
         both = self.double_area1 * self.double_area2
-        self.cosine = dot(self.normal1, self.normal2) / both
-        # e · (n1 x n2) with n2 = arm2 x e and n1 orthogonal to e
-        self.sine = -dot(self.normal1, self.arm2) * self.length / both
+        # sin: e · (n1 x n2) with n2 = arm2 x e and n1 orthogonal to e
+        pair = dot(self.normal1, self.normal2), -dot(self.normal1, self.arm2) * self.length
+        self.angle = (torch.stack(pair) / both).mT
+        """(cos θ, sin θ), component by component in memory."""
 
     def angle_slopes(self, factor: Float[Tensor, " hinges"]) -> Float[Tensor, "12 hinges"]:
         """``factor ∂θ/∂x``: the far corners move θ by ``-n/h``, n being the unit normals and h the heights."""
