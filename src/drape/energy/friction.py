@@ -8,9 +8,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.energy import point_kernel
 from drape.energy.contact import Contact, Touch
+from drape.energy.hessian import Filled
+from drape.energy.point_stencils import point_stencils
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm, Stencils
+from drape.energy.term import EnergyTerm, Stencils, array
 from drape.errors import DrapeError
 
 
@@ -62,6 +65,12 @@ class Friction(EnergyTerm):
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
         touch, force = self.contact.pressed(step)
+        if x_next.device.type == "cpu":
+            held = step.once((self, "force"), lambda: array(self.coefficient * force))
+            given = array(x_next), touch.compiled, held, self.slip_speed * step.dt
+            energy, gradient = point_kernel.friction(*given)
+            energy = step.sum_stencils(torch.from_numpy(energy), touch.points.first_vertex)
+            return energy, torch.from_numpy(gradient).to(x_next.dtype)
         slip = _slip(x_next.detach(), touch)
         rate, _ = self._rates(slip, step.dt)
         pull = (self.coefficient * force * rate)[:, None] * slip
@@ -77,7 +86,7 @@ class Friction(EnergyTerm):
         energy = self.coefficient * force * torch.where(square > end**2, above, below)
         return step.sum_stencils(energy, touch.points.first_vertex)
 
-    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """``μ N Tᵀ (f'/|u| I + (f'' - f'/|u|) û ûᵀ) T``: exact; f'' is never negative."""
         touch, force = self.contact.pressed(step)
         slip = _slip(x_next.detach(), touch)
@@ -88,7 +97,7 @@ class Friction(EnergyTerm):
         plane = rate[:, None, None] * identity - drop[:, None, None] * unit[:, :, None] * unit[:, None, :]
         tangents = touch.faces.end.tangents
         blocks = (self.coefficient * force)[:, None, None] * (tangents.mT @ plane @ tangents)
-        return [Stencils(*piece) for piece in touch.points.stencils(blocks)]
+        return point_stencils(touch.points, blocks, torch.arange(len(blocks), device=blocks.device))
 
     def _rates(self, slip: Float[Tensor, "pressed 2"], dt: float) -> tuple[Tensor, Tensor]:
         """``f'/|u|`` and ``f'/|u| - f''`` [1/m]."""

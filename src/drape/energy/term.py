@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from scipy import sparse
@@ -20,6 +21,11 @@ class Stencils(NamedTuple):
     vertices: Int[Tensor, "stencils corners"]
     blocks: Float[Tensor, "stencils corners 3 corners 3"]
     """[N/m]"""
+
+
+def array(values: Tensor) -> np.ndarray:
+    """In double precision, for compiled code."""
+    return values.detach().double().contiguous().numpy()
 
 
 class EnergyTerm(nn.Module, ABC):
