@@ -53,6 +53,22 @@ def test_fast_gradient_is_that_of_autograd(name, dtype, cloth, small_cloth):
 
 
 @every_term
+def test_the_kernel_is_the_term(name, cloth, small_cloth):
+    """Energy and gradient without tensors are those with them, in double precision whatever the step is in."""
+    for dtype in (torch.float64, torch.float32):
+        step, x_next = make_step(cloth, small_cloth, dtype=dtype)
+        term = TERMS[name].make()
+        kernel = term.kernel(step)
+        if kernel is None:
+            return
+        energy, gradient = kernel(x_next.double().numpy())
+        expected, slope = term.energy_and_gradient(x_next, step)
+        tolerance = 1e-12 if dtype == torch.float64 else 1e-4
+        assert energy == pytest.approx(float(expected.sum()), rel=tolerance)
+        assert np.linalg.norm(gradient - slope.numpy()) <= tolerance * float(slope.norm())
+
+
+@every_term
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_stencils_are_positive_semidefinite(name, dtype, cloth):
     """Each piece is symmetric without negative eigenvalues, in motion, compressed and scrambled."""

@@ -20,7 +20,7 @@ from drape.energy import point_kernel
 from drape.energy.hessian import Filled
 from drape.energy.point_stencils import point_stencils
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm, Stencils, array
+from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 from drape.errors import DrapeError
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.scene import Scene
@@ -127,15 +127,17 @@ class Contact(EnergyTerm):
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
         touch = self.touch(step)
-        if x_next.device.type == "cpu":
-            stiffness = step.once((self, "stiffness"), lambda: array(touch.stiffness))
-            energy, gradient = point_kernel.contact(array(x_next), touch.compiled, stiffness, self.thickness)
-            energy = step.sum_stencils(torch.from_numpy(energy), touch.points.first_vertex)
-            return energy, torch.from_numpy(gradient).to(x_next.dtype)
         depth = self._depth(x_next.detach(), touch)
         push = 3.0 * touch.stiffness * depth.square()
         gradient = touch.points.spread(-push[:, None] * touch.faces.end.normal)
         return step.sum_stencils(push * depth / 3.0, touch.points.first_vertex), gradient
+
+    def kernel(self, step: Step) -> Kernel | None:
+        if step.x.device.type != "cpu":
+            return None
+        touch = self.touch(step)
+        given = touch.compiled, array(touch.stiffness), self.thickness
+        return lambda x: point_kernel.contact(x, *given)
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """``6 k (thickness - d) n' n'ᵀ`` of each point: exact."""

@@ -9,29 +9,29 @@ from drape.scene.compiled import compiled
 
 @compiled
 def damping(x, start, edges, direction, axial, drag):
-    """Energy of each edge and of each vertex [J], and the gradient of their sum in ``x`` [N].
+    """``Σ ½ axial ((e - e_start)·y)² + Σ ½ drag |x - x_start|²`` [J], and its gradient in ``x`` [N].
 
-    ``½ axial ((e - e_start)·y)²`` and ``½ drag |x - x_start|²``, both factors in kg/s², y the ``direction``.
+    Over edges and vertices; both factors in kg/s², y the ``direction``.
     """
-    of_edge, of_vertex, gradient = np.empty(len(edges)), np.empty(len(x)), np.empty(x.shape)
+    energy, gradient = 0.0, np.empty(x.shape)
     for i in range(len(x)):
         square = 0.0
         for axis in range(3):
             moved = x[i, axis] - start[i, axis]
             gradient[i, axis] = drag[i] * moved
             square += moved * moved
-        of_vertex[i] = 0.5 * drag[i] * square
+        energy += 0.5 * drag[i] * square
     for e in range(len(edges)):
         i, j = edges[e, 0], edges[e, 1]
         rate = 0.0
         for axis in range(3):
             rate += ((x[j, axis] - start[j, axis]) - (x[i, axis] - start[i, axis])) * direction[e, axis]
-        of_edge[e] = 0.5 * axial * rate * rate
+        energy += 0.5 * axial * rate * rate
         for axis in range(3):
             pull = axial * rate * direction[e, axis]
             gradient[i, axis] -= pull
             gradient[j, axis] += pull
-    return of_edge, of_vertex, gradient
+    return energy, gradient
 
 
 @compiled

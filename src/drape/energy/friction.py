@@ -13,7 +13,7 @@ from drape.energy.contact import Contact, Touch
 from drape.energy.hessian import Filled
 from drape.energy.point_stencils import point_stencils
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm, Stencils, array
+from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 from drape.errors import DrapeError
 
 
@@ -65,17 +65,18 @@ class Friction(EnergyTerm):
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
         touch, force = self.contact.pressed(step)
-        if x_next.device.type == "cpu":
-            held = step.once((self, "force"), lambda: array(self.coefficient * force))
-            given = array(x_next), touch.compiled, held, self.slip_speed * step.dt
-            energy, gradient = point_kernel.friction(*given)
-            energy = step.sum_stencils(torch.from_numpy(energy), touch.points.first_vertex)
-            return energy, torch.from_numpy(gradient).to(x_next.dtype)
         slip = _slip(x_next.detach(), touch)
         rate, _ = self._rates(slip, step.dt)
         pull = (self.coefficient * force * rate)[:, None] * slip
         gradient = touch.points.spread((pull[:, :, None] * touch.faces.end.tangents).sum(1))
         return self._energy(slip, force, touch, step), gradient
+
+    def kernel(self, step: Step) -> Kernel | None:
+        if step.x.device.type != "cpu":
+            return None
+        touch, force = self.contact.pressed(step)
+        given = touch.compiled, array(self.coefficient * force), self.slip_speed * step.dt
+        return lambda x: point_kernel.friction(x, *given)
 
     def _energy(self, slip: Float[Tensor, "pressed 2"], force: Tensor, touch: Touch, step: Step) -> Tensor:
         square, end = slip.square().sum(-1), self.slip_speed * step.dt

@@ -16,7 +16,7 @@ from drape.energy.hessian import Filled
 from drape.energy.hinge_kernel import BLOCK, DEGENERATE, Edges, Tables, add_hessian, energies_and_forces
 from drape.energy.hinge_law import HingeLaw
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm, Stencils, array
+from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 from drape.scene.corners import Corners, dot
 from drape.scene.geometry import TINY
 from drape.scene.mesh_batch import MeshBatch
@@ -111,6 +111,18 @@ class HingeElastic(EnergyTerm):
             pull, len(x_next)
         )
 
+    def kernel(self, step: Step) -> Kernel | None:
+        self.edges(step.mesh)
+        if not self._compiles(step.x):
+            return None
+        given = self._compiled()
+
+        def summed(x: np.ndarray) -> tuple[float, np.ndarray]:
+            energies, gradient = energies_and_forces(x, *given)
+            return energies.sum(), gradient
+
+        return summed
+
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """``Jᵀ H₊ J + |∂φp/∂l|/l (I - y yᵀ)``, J = ∂(l, θ)/∂x, H₊ the positive part of ∂²φp/∂(l, θ)².
 
@@ -180,11 +192,6 @@ class Damping(EnergyTerm):
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
-        if x_next.device.type == "cpu":
-            found = damping_kernel.damping(array(x_next), *step.once((self, "compiled"), lambda: self._compiled(step)))
-            of_edge, of_vertex, gradient = map(torch.from_numpy, found)
-            energy = step.sum_stencils(of_edge, step.mesh.edges[:, 0]) + step.mesh.sum_vertices(of_vertex)
-            return energy, gradient.to(x_next.dtype)
         moved = x_next.detach() - step.x
         rate, direction = _rates(moved, step)
         pull, drag = (self.law.damper / step.dt) * rate, (self._drag(step) / step.dt) * moved
@@ -192,6 +199,12 @@ class Damping(EnergyTerm):
         energy = energy + step.mesh.sum_vertices(0.5 * (drag * moved).sum(-1))
         along = pull * direction
         return energy, drag + step.mesh.edge_corners.scatter(torch.stack([-along, along]), len(moved))
+
+    def kernel(self, step: Step) -> Kernel | None:
+        if step.x.device.type != "cpu":
+            return None
+        given = step.once((self, "compiled"), lambda: self._compiled(step))
+        return lambda x: damping_kernel.damping(x, *given)
 
     def _compiled(self, step: Step) -> tuple[np.ndarray | float, ...]:
         """What the kernel needs of a step."""

@@ -42,15 +42,15 @@ def _arm(x, points, p):
 
 @compiled
 def contact(x, points, stiffness, thickness):
-    """``k max(thickness - d, 0)³`` of each point [J], and the gradient of their sum in ``x`` [N]."""
-    energy, gradient = np.zeros(len(stiffness)), np.zeros(x.shape)
+    """``Σ k max(thickness - d, 0)³`` [J], and its gradient in ``x`` [N]."""
+    energy, gradient = 0.0, np.zeros(x.shape)
     for p in range(len(stiffness)):
         arm, normal = _arm(x, points, p), points.normal[p]
         depth = thickness - (arm[0] * normal[0] + arm[1] * normal[1] + arm[2] * normal[2])
         if depth <= 0.0:
             continue
         push = 3.0 * stiffness[p] * depth * depth
-        energy[p] = push * depth / 3.0
+        energy += push * depth / 3.0
         for corner in range(3):
             share = points.weights[p, corner] * push
             for axis in range(3):
@@ -60,18 +60,18 @@ def contact(x, points, stiffness, thickness):
 
 @compiled
 def friction(x, points, force, end):
-    """``force f(|u|)`` of each point [J], u its slip, and the gradient of their sum; see :class:`Friction`.
+    """``Σ force f(|u|)`` [J], u the slip of a point, and its gradient in ``x`` [N]; see :class:`Friction`.
 
     ``end``: the slip from which friction is full [m].
     """
-    energy, gradient = np.empty(len(force)), np.zeros(x.shape)
+    energy, gradient = 0.0, np.zeros(x.shape)
     for p in range(len(force)):
         arm, tangents = _arm(x, points, p), points.tangents[p]
         u = arm[0] * tangents[0, 0] + arm[1] * tangents[0, 1] + arm[2] * tangents[0, 2] - points.along[p, 0]
         v = arm[0] * tangents[1, 0] + arm[1] * tangents[1, 1] + arm[2] * tangents[1, 2] - points.along[p, 1]
         size = math.sqrt(u * u + v * v)
         rate = 1.0 / size if size > end else (2.0 - size / end) / end
-        energy[p] = force[p] * (size - end / 3.0 if size > end else size * size * (1.0 - size / (3.0 * end)) / end)
+        energy += force[p] * (size - end / 3.0 if size > end else size * size * (1.0 - size / (3.0 * end)) / end)
         u, v = force[p] * rate * u, force[p] * rate * v
         for corner in range(3):
             share, vertex = points.weights[p, corner], points.vertices[p, corner]
