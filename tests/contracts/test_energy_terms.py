@@ -53,6 +53,22 @@ def test_fast_gradient_is_that_of_autograd(name, dtype, cloth, small_cloth):
 
 
 @every_term
+def test_the_kernel_is_the_term(name, cloth, small_cloth):
+    """Energy and gradient without tensors are those with them, in double precision whatever the step is in."""
+    for dtype in (torch.float64, torch.float32):
+        step, x_next = make_step(cloth, small_cloth, dtype=dtype)
+        term = TERMS[name].make()
+        kernel = term.kernel(step)
+        if kernel is None:
+            return
+        energy, gradient = kernel(x_next.double().numpy())
+        expected, slope = term.energy_and_gradient(x_next, step)
+        tolerance = 1e-12 if dtype == torch.float64 else 1e-4
+        assert energy == pytest.approx(float(expected.sum()), rel=tolerance)
+        assert np.linalg.norm(gradient - slope.numpy()) <= tolerance * float(slope.norm())
+
+
+@every_term
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_stencils_are_positive_semidefinite(name, dtype, cloth):
     """Each piece is symmetric without negative eigenvalues, in motion, compressed and scrambled."""
@@ -271,7 +287,7 @@ def test_sums_of_stencils_remember_where_entries_go(small_cloth):
     together = StencilSum()
     for used in (terms, terms, terms[:2], terms[1:], terms):
         pieces = [piece for term in used for piece in term.stencils(x_next, step)]
-        pieces = [Stencils(some[:5], blocks[:5]) if some.shape[1] == 1 else (some, blocks) for some, blocks in pieces]
+        pieces = [Stencils(*(part[:5] for part in piece)) if piece[0].shape[1] == 1 else piece for piece in pieces]
         expected = assembled(pieces, len(x_next))
         np.testing.assert_allclose(whole(together.upper(pieces, len(x_next))), expected, atol=1e-9 * expected.max())
 

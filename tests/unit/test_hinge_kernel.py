@@ -10,14 +10,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from drape.energy import compiled as compiled_code
 from drape.energy.baked_hinges import BakedHinges
-from drape.energy.compiled import BLOCK, compiled
 from drape.energy.hessian import Filled
 from drape.energy.hinge_elastic import HingeElastic
 from drape.energy.hinge_law import HingeLaw
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm
+from drape.scene import compiled as compiled_code
+from drape.scene.compiled import BLOCK, compiled
 from drape.scene.grid import square_grid
 from drape.scene.mesh import ClothMesh
 from tests.conftest import bent

@@ -225,7 +225,7 @@ def test_hanging_springs_carry_the_weight():
         "springs", mesh, State.at_rest(rest), SILK, np.full(3, mass), GRAVITY, dt=1.0, frames=40,
         pins=Pins.fixed(np.array([0, 1]), rest[:2]),
     )  # fmt: skip
-    constants = torch.tensor([[0.0, stiffness, 0.0, 0.0, 0.0, 5.0, 0.0]], dtype=torch.float64)
+    constants = torch.tensor([[0.0, 0.0, stiffness, 0.0, 0.0, 0.0, 5.0, 0.0]], dtype=torch.float64)
     law = SpringHingeLaw(constants).of_fabric(0, SILK, face_area=0.5)
     terms = [HingeElastic(law, transfer=False), Damping(law, transfer=False)]
     potential = IncrementalPotential.for_scene(scene, terms)

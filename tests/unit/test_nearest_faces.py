@@ -9,7 +9,8 @@ import pytest
 import torch
 import trimesh
 
-from drape.contact import closest_faces, mesh_distances
+from drape.contact import mesh_distances, nearest_faces
+from drape.contact.closest_faces import closest_faces
 from drape.contact.nearest_faces import NearestFaces
 from drape.scene.obstacle import Obstacle
 from drape.scene.triangles import closest_on_triangles
@@ -76,7 +77,11 @@ BODIES = {
 
 def on_device(monkeypatch):
     """Search as on a device, a few points at a time."""
-    monkeypatch.setattr(closest_faces, "_by_tree", lambda p, m, f, n, b: closest_faces._by_distances(p, m, b[f], n))
+    def by_distances(points, mesh_of_point, corners, mesh_of_face, faces):
+        pairs = closest_faces(points, mesh_of_point, corners, mesh_of_face)
+        return nearest_faces._choose(pairs, points, corners)
+
+    monkeypatch.setattr(nearest_faces, "_by_tree", by_distances)
     monkeypatch.setattr(mesh_distances, "CHUNK", 10_000)
 
 

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from drape.contact.surface_points import SurfacePoints
+from drape.energy.point_stencils import point_stencils
 from drape.scene.grid import square_grid
 from drape.scene.mesh_batch import MeshBatch
 from tests.terms import assembled
@@ -85,7 +86,7 @@ def test_stencils_are_the_stiffness_of_the_points(per_edge, per_face):
     torch.manual_seed(1)
     root = torch.randn(len(chosen), 3, 3, dtype=torch.float64)
     blocks = root @ root.mT
-    pieces = points.chosen(chosen, mesh.num_vertices).stencils(blocks)
+    pieces = point_stencils(points.chosen(chosen, mesh.num_vertices), blocks, torch.arange(len(chosen)))
     found = assembled(pieces, mesh.num_vertices)
     gather = np.zeros((len(chosen), mesh.num_vertices))
     for row, point in enumerate(chosen):

@@ -11,11 +11,14 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from drape.contact.closest_faces import Pairs, closest_faces, gathered
+from drape.contact.face_tree import closest_of_tree, frames, sided
 from drape.scene.corners import cross, dot
 from drape.scene.triangles import closest_on_triangles
 
 TIE = 1e-7
 """Faces count as equally near where distances differ by less than this share of the size of a face."""
+GAP = 10.0
+"""Sizes of the largest cloth or body by which those of different meshes are moved apart for the search."""
 DEPTH = 0.2
 """What is farther behind a face than this, and than is asked for, is not inside a body but behind a surface [m]."""
 FLAT = 1e-9
@@ -66,16 +69,19 @@ class NearestFaces:
         point where they share vertices: see :attr:`drape.scene.obstacle.Obstacle.welded_faces`.
         """
         with torch.no_grad():
-            points, corners = x.double(), body.double()[faces]
+            points, corners, all_faces = x.double(), body.double()[faces], faces
             kept = _with_area(corners)
-            pairs = closest_faces(points, mesh_of_point, faces[kept], mesh_of_face[kept], body.double())
-            near = _choose(pairs, points, corners[kept])
-            face = kept[near.face]
-            start = _frame(body.double()[faces[face]], near.barycentric)
+            if len(kept) < len(faces):
+                faces, mesh_of_face, corners = faces[kept], mesh_of_face[kept], corners[kept]
+            if x.device.type == "cpu":
+                near = _by_tree(points, mesh_of_point, corners, mesh_of_face, faces)
+            else:
+                near = _choose(closest_faces(points, mesh_of_point, corners, mesh_of_face), points, corners)
+            start = _frame(corners[near.face], near.barycentric)
             arm = points[near.point] - start.point
             along, height = (start.tangents * arm[:, None]).sum(-1), (start.normal * arm).sum(-1)
             parts = (part.to(x.dtype) for part in (near.barycentric, near.distance, along, height))
-            return cls(near.point, face, *parts, start).until(faces, body_next)
+            return cls(near.point, kept[near.face], *parts, start).until(all_faces, body_next)
 
     def until(self, faces: Int[Tensor, "faces 3"], body_next: Float[Tensor, "body_vertices 3"]) -> NearestFaces:
         """The same for a step at whose end the body is at ``body_next`` [m]."""
@@ -119,6 +125,30 @@ def _with_area(corners: Float[Tensor, "faces 3 3"]) -> Int[Tensor, " kept"]:
     return (double_area > FLAT * sides.square().sum((1, 2))).nonzero()[:, 0]
 
 
+def _by_tree(
+    points: Float[Tensor, "points 3"],
+    mesh_of_point: Int[Tensor, " points"],
+    corners: Float[Tensor, "faces 3 3"],
+    mesh_of_face: Int[Tensor, " faces"],
+    faces: Int[Tensor, "faces 3"],
+) -> _Near:
+    """On the CPU; those of different meshes are moved apart for the search."""
+    point, place, target = torch.arange(len(points)), points, corners
+    if not len(points) or not len(faces):
+        return _Near(point[:0], point[:0], points.new_empty(0, 3), points.new_empty(0))
+    if int(torch.maximum(mesh_of_point.max(), mesh_of_face.max())) > 0:
+        point = torch.isin(mesh_of_point, mesh_of_face).nonzero()[:, 0]
+        both = torch.cat([points, corners.reshape(-1, 3)])
+        along = GAP * (both.amax(0) - both.amin(0)).amax() * torch.tensor([1.0, 0.0, 0.0], dtype=points.dtype)
+        place, target = (points + mesh_of_point[:, None] * along)[point], corners + mesh_of_face[:, None, None] * along
+    closest = torch.from_numpy(closest_of_tree(place.contiguous().numpy(), target.contiguous().numpy()))
+    if not bool((closest >= 0).all()):  # of what is not a number
+        point, closest = point[closest >= 0], closest[closest >= 0]
+    given = points[point].numpy(), corners.contiguous().numpy(), faces.contiguous().numpy(), closest.numpy()
+    found = sided(*given, int(faces.max()) + 1, TIE)
+    return _Near(point, *(torch.from_numpy(part) for part in found))
+
+
 def _choose(pairs: Pairs, points: Float[Tensor, "points 3"], corners: Float[Tensor, "faces 3 3"]) -> _Near:
     """Of all pairs that may be nearest the one that is, with its sign."""
     place, triangle = gathered(points, pairs.point), gathered(corners, pairs.face)
@@ -154,6 +184,8 @@ def _angle(barycentric: Float[Tensor, "3 pairs"], corners: Float[Tensor, "3 3 pa
 
 
 def _frame(corners: Float[Tensor, "near 3 3"], barycentric: Float[Tensor, "near 3"]) -> Frame:
+    if corners.device.type == "cpu":
+        return Frame(*(torch.from_numpy(part) for part in frames(corners.numpy(), barycentric.contiguous().numpy())))
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = torch.nn.functional.normalize(torch.linalg.cross(first, second), dim=-1, eps=1e-30)
     tangent = torch.nn.functional.normalize(first, dim=-1, eps=1e-30)

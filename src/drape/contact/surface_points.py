@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import torch
@@ -95,49 +96,32 @@ class ChosenPoints:
 
     def __init__(self, surface: SurfacePoints, points: Int[Tensor, " chosen"], num_vertices: int):
         self.surface, self.points = surface, points
-        self.vertices, weights = surface.vertices[points], surface.weights[points]
-        self.first_vertex = self.vertices[:, 0]
-        rows = torch.arange(len(points), device=points.device)[:, None].expand(-1, 3).reshape(-1)
+        self.vertices, self.weights = surface.vertices[points], surface.weights[points]
+        self.first_vertex, self._num_vertices = self.vertices[:, 0], num_vertices
+
+    @cached_property
+    def _matrices(self) -> tuple[Tensor, Tensor]:
+        """W and Wᵀ."""
+        rows = torch.arange(len(self.points), device=self.points.device)[:, None].expand(-1, 3).reshape(-1)
         place = torch.stack([rows, self.vertices.reshape(-1)])
-        used = (weights != 0).reshape(-1)
-        entries = place[:, used], weights.reshape(-1)[used], (len(points), num_vertices)
+        used = (self.weights != 0).reshape(-1)
+        entries = place[:, used], self.weights.reshape(-1)[used], (len(self.points), self._num_vertices)
         matrix = torch.sparse_coo_tensor(*entries, check_invariants=False).coalesce()
         with warnings.catch_warnings():  # this layout is in beta, and ten times as fast as the other
             warnings.simplefilter("ignore", UserWarning)
-            self._to_points, self._to_vertices = matrix.to_sparse_csr(), matrix.T.coalesce().to_sparse_csr()
+            return matrix.to_sparse_csr(), matrix.T.coalesce().to_sparse_csr()
 
     def at(self, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "chosen 3"]:
         """Where the points are when the vertices are at ``x`` [m]."""
-        return self._to_points.to(x.dtype) @ x
+        return self._matrices[0].to(x.dtype) @ x
 
     def spread(self, force: Float[Tensor, "chosen 3"]) -> Float[Tensor, "vertices 3"]:
         """Forces on points as forces on vertices [N]."""
-        return self._to_vertices.to(force.dtype) @ force
+        return self._matrices[1].to(force.dtype) @ force
 
     def mass(self, mass: Float[Tensor, " vertices"]) -> Float[Tensor, " chosen"]:
         """What each of the points carries of the ``mass`` of the vertices [kg]."""
         return (mass[self.vertices] * self.surface.mass_shares[self.points].to(mass)).sum(-1)
-
-    def stencils(
-        self, blocks: Float[Tensor, "chosen 3 3"]
-    ) -> list[tuple[Int[Tensor, "_ _"], Float[Tensor, "_ _ 3 _ 3"]]]:
-        """Hessians of points as pieces ``w_pk w_pl B_p`` on vertices; edges and faces have all a piece, always.
-
-        So the places of the entries in a sparse matrix stay the same, whichever points are in contact.
-        """
-        pieces, kinds = [], self.surface.kinds
-        ends = [kind.first for kind in kinds[1:]] + [len(self.surface.vertices)]
-        for kind, end in zip(kinds, ends, strict=True):
-            rows = ((self.points >= kind.first) & (self.points < end)).nonzero()[:, 0]
-            size, point = kind.carriers.shape[1], self.points[rows]
-            if size == 1:
-                pieces.append((point[:, None], blocks[rows][:, None, :, None, :]))
-                continue
-            weights = self.surface.weights[point, :size].to(blocks)
-            each = torch.einsum("pa,pb,pij->paibj", weights, weights, blocks[rows])
-            total = blocks.new_zeros(len(kind.carriers), size, 3, size, 3)
-            pieces.append((kind.carriers, total.index_add(0, kind.carrier[point - kind.first], each)))
-        return pieces
 
 
 IN_FACE = {0: [], 1: [(1 / 3,) * 3], 3: [(2 / 3, 1 / 6, 1 / 6), (1 / 6, 2 / 3, 1 / 6), (1 / 6, 1 / 6, 2 / 3)]}

@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import math
 from abc import abstractmethod
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from jaxtyping import Float
@@ -15,20 +16,31 @@ from drape.contact.coarseness import point_spacing
 from drape.contact.nearest_faces import NearestFaces
 from drape.contact.sharp_points import SharpPoints
 from drape.contact.surface_points import ChosenPoints, SurfacePoints
+from drape.energy import point_kernel
+from drape.energy.hessian import Filled
+from drape.energy.point_stencils import point_stencils
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm, Stencils
+from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 from drape.errors import DrapeError
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.scene import Scene
 
 
-class Touch(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Touch:
     """Points near a body over a step."""
 
     faces: NearestFaces
     points: ChosenPoints
     stiffness: Float[Tensor, " near"]
     """k of each point [N/m²]."""
+
+    @cached_property
+    def compiled(self) -> point_kernel.Points:
+        """As the kernels need it."""
+        end = self.faces.end
+        parts = self.points.weights, end.point, end.normal, end.tangents, self.faces.along
+        return point_kernel.Points(self.points.vertices.numpy(), *(array(part) for part in parts))
 
 
 class Contact(EnergyTerm):
@@ -120,13 +132,21 @@ class Contact(EnergyTerm):
         gradient = touch.points.spread(-push[:, None] * touch.faces.end.normal)
         return step.sum_stencils(push * depth / 3.0, touch.points.first_vertex), gradient
 
-    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
+    def kernel(self, step: Step) -> Kernel | None:
+        if step.x.device.type != "cpu":
+            return None
+        touch = self.touch(step)
+        given = touch.compiled, array(touch.stiffness), self.thickness
+        return lambda x: point_kernel.contact(x, *given)
+
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """``6 k (thickness - d) n' n'ᵀ`` of each point: exact."""
         touch = self.touch(step)
         curvature = 6.0 * touch.stiffness * self._depth(x_next.detach(), touch)
-        normal = touch.faces.end.normal
-        blocks = curvature[:, None, None] * normal[:, :, None] * normal[:, None, :]
-        return [Stencils(*piece) for piece in touch.points.stencils(blocks)]
+        pushed = curvature.nonzero()[:, 0]
+        normal = touch.faces.end.normal[pushed]
+        blocks = curvature[pushed, None, None] * normal[:, :, None] * normal[:, None, :]
+        return point_stencils(touch.points, blocks, pushed)
 
     def _depth(self, x_next: Tensor, touch: Touch) -> Float[Tensor, " near"]:
         end = touch.faces.end

@@ -8,9 +8,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.energy import point_kernel
 from drape.energy.contact import Contact, Touch
+from drape.energy.hessian import Filled
+from drape.energy.point_stencils import point_stencils
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm, Stencils
+from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 from drape.errors import DrapeError
 
 
@@ -68,6 +71,13 @@ class Friction(EnergyTerm):
         gradient = touch.points.spread((pull[:, :, None] * touch.faces.end.tangents).sum(1))
         return self._energy(slip, force, touch, step), gradient
 
+    def kernel(self, step: Step) -> Kernel | None:
+        if step.x.device.type != "cpu":
+            return None
+        touch, force = self.contact.pressed(step)
+        given = touch.compiled, array(self.coefficient * force), self.slip_speed * step.dt
+        return lambda x: point_kernel.friction(x, *given)
+
     def _energy(self, slip: Float[Tensor, "pressed 2"], force: Tensor, touch: Touch, step: Step) -> Tensor:
         square, end = slip.square().sum(-1), self.slip_speed * step.dt
         # the root is taken only above e and the power below, so both have a derivative at every slip
@@ -77,7 +87,7 @@ class Friction(EnergyTerm):
         energy = self.coefficient * force * torch.where(square > end**2, above, below)
         return step.sum_stencils(energy, touch.points.first_vertex)
 
-    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """``μ N Tᵀ (f'/|u| I + (f'' - f'/|u|) û ûᵀ) T``: exact; f'' is never negative."""
         touch, force = self.contact.pressed(step)
         slip = _slip(x_next.detach(), touch)
@@ -88,7 +98,7 @@ class Friction(EnergyTerm):
         plane = rate[:, None, None] * identity - drop[:, None, None] * unit[:, :, None] * unit[:, None, :]
         tangents = touch.faces.end.tangents
         blocks = (self.coefficient * force)[:, None, None] * (tangents.mT @ plane @ tangents)
-        return [Stencils(*piece) for piece in touch.points.stencils(blocks)]
+        return point_stencils(touch.points, blocks, torch.arange(len(blocks), device=blocks.device))
 
     def _rates(self, slip: Float[Tensor, "pressed 2"], dt: float) -> tuple[Tensor, Tensor]:
         """``f'/|u|`` and ``f'/|u| - f''`` [1/m]."""

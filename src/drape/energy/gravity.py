@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm, Stencils
+from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 
 
 class Gravity(EnergyTerm):
@@ -25,6 +26,12 @@ class Gravity(EnergyTerm):
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
         return self(x_next.detach(), step), -step.mass[:, None] * step.gravity
+
+    def kernel(self, step: Step) -> Kernel | None:
+        if step.x.device.type != "cpu":
+            return None
+        start, lift = array(step.x), array(-step.mass[:, None] * step.gravity)
+        return lambda x: (np.vdot(lift, x - start), lift)
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
         """None: the energy is linear."""

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.energy import damping_kernel
 from drape.energy.baked_hinges import BakedHinges
 from drape.energy.edge_scale import EdgeScale
 from drape.energy.hessian import Filled
 from drape.energy.hinge_kernel import BLOCK, Edges, Tables, add_hessian, energies_and_forces
 from drape.energy.hinge_law import HingeLaw
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm, Stencils
+from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 from drape.scene.corners import Corners, dot
 from drape.scene.geometry import TINY, hinge_change
 from drape.scene.mesh_batch import MeshBatch
@@ -92,7 +95,7 @@ class HingeElastic(EnergyTerm):
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
         edges = self.edges(step.mesh)
         if self._compiles(x_next):
-            energy, gradient = energies_and_forces(_array(x_next), *self._compiled())
+            energy, gradient = energies_and_forces(array(x_next), *self._compiled())
             energy = torch.from_numpy(energy[: step.mesh.num_edges])
             return step.sum_stencils(energy, step.mesh.edges[:, 0]), torch.from_numpy(gradient).to(x_next.dtype)
         q, shape = _deformation(x_next.detach(), edges)
@@ -107,6 +110,18 @@ class HingeElastic(EnergyTerm):
             pull, len(x_next)
         )
 
+    def kernel(self, step: Step) -> Kernel | None:
+        self.edges(step.mesh)
+        if not self._compiles(step.x):
+            return None
+        given = self._compiled()
+
+        def summed(x: np.ndarray) -> tuple[float, np.ndarray]:
+            energies, gradient = energies_and_forces(x, *given)
+            return energies.sum(), gradient
+
+        return summed
+
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """``Jᵀ H₊ J + |∂φp/∂l|/l (I - y yᵀ)``, J = ∂(l, θ)/∂x, H₊ the positive part of ∂²φp/∂(l, θ)².
 
@@ -114,7 +129,7 @@ class HingeElastic(EnergyTerm):
         """
         edges, count = self.edges(step.mesh), step.mesh.num_edges
         if self._compiles(x_next):
-            x, compiled = _array(x_next), self._compiled()
+            x, compiled = array(x_next), self._compiled()
             return [Filled(edges.corners.vertices, lambda data, places: add_hessian(x, *compiled, count, data, places))]
         q, shape = _deformation(x_next.detach(), edges)
         size, share = edges.size.to(q.dtype), edges.share.to(q.dtype)
@@ -184,18 +199,31 @@ class Damping(EnergyTerm):
         along = pull * direction
         return energy, drag + step.mesh.edge_corners.scatter(torch.stack([-along, along]), len(moved))
 
-    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
+    def kernel(self, step: Step) -> Kernel | None:
+        if step.x.device.type != "cpu":
+            return None
+        given = step.once((self, "compiled"), lambda: self._compiled(step))
+        return lambda x: damping_kernel.damping(x, *given)
+
+    def _compiled(self, step: Step) -> tuple[np.ndarray | float, ...]:
+        """What the kernel needs of a step."""
+        direction = array(step.once("directions", lambda: _directions(step)).T)
+        drag = array(self._drag(step)[:, 0] / step.dt)
+        return array(step.x), step.mesh.edges.numpy(), direction, self.law.damper / step.dt, drag
+
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """``c/dt y yᵀ`` on each edge, ``d/dt`` on each vertex: exact."""
-        _, direction = _rates(torch.zeros_like(step.x), step)
+        direction = step.once("directions", lambda: _directions(step))
+        identity = torch.eye(3, dtype=direction.dtype, device=direction.device)
+        drag = (self._drag(step) / step.dt)[:, :, None] * identity
+        on_vertices = Stencils(torch.arange(len(step.x), device=step.x.device)[:, None], drag[:, None, :, None])
+        if x_next.device.type == "cpu":
+            _, _, *given, _ = step.once((self, "compiled"), lambda: self._compiled(step))
+            add = partial(damping_kernel.add_hessian, direction=given[0], axial=given[1])
+            return [Filled(step.mesh.edges, add), on_vertices]
         block = (self.law.damper / step.dt) * direction.T[:, :, None] * direction.T[:, None]
         signs = torch.tensor([[1.0, -1.0], [-1.0, 1.0]], dtype=block.dtype, device=block.device)
-        identity = torch.eye(3, dtype=block.dtype, device=block.device)
-        drag = (self._drag(step) / step.dt)[:, :, None] * identity
-        everyone = torch.arange(len(step.x), device=block.device)[:, None]
-        return [
-            Stencils(step.mesh.edges, signs[:, None, :, None] * block[:, None, :, None]),
-            Stencils(everyone, drag[:, None, :, None]),
-        ]
+        return [Stencils(step.mesh.edges, signs[:, None, :, None] * block[:, None, :, None]), on_vertices]
 
 
 def _deformation(x: Tensor, edges: HingeEdges) -> tuple[Float[Tensor, "2 edges"], HingeShape]:
@@ -222,7 +250,3 @@ def _directions(step: Step) -> Float[Tensor, "3 edges"]:
     first, second = step.mesh.edge_corners.gather(step.x)
     vector = second - first
     return vector / (dot(vector, vector) + (TINY * step.mesh.length_scale.to(vector)) ** 2).sqrt()
-
-
-def _array(x: Tensor) -> np.ndarray:
-    return x.detach().double().contiguous().numpy()

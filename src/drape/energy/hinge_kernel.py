@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drape.energy.compiled import (
+from drape.energy.spline_plane import MARGIN
+from drape.scene.compiled import (
     BLOCK,
     arctangent2,
     basis,
@@ -22,7 +23,6 @@ from drape.energy.compiled import (
     inlined,
     logarithm,
 )
-from drape.energy.spline_plane import MARGIN
 from drape.scene.geometry import DEGENERATE, HALF_TURN
 
 EDGE, ARM1, ARM2, NORMAL1, NORMAL2 = (3 * BLOCK * k for k in range(5))

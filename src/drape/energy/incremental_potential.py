@@ -19,7 +19,7 @@ from drape.energy.hessian import StencilSum
 from drape.energy.inertia import Inertia
 from drape.energy.ipc import Barrier
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm
+from drape.energy.term import EnergyTerm, array
 from drape.scene.scene import Scene
 
 
@@ -100,12 +100,18 @@ class IncrementalPotential(nn.Module):
 
     def evaluate(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Evaluation:
         """Energy, gradient and the energy of each term; no graph."""
-        total, energies = torch.zeros_like(x_next), {}
-        for term in self.terms:
-            energy, gradient = term.energy_and_gradient(x_next, step)
-            energies[term.name] = float(energy.sum())
-            total += gradient
-        return Evaluation(sum(energies.values()), total, energies)
+        kernels = step.once((self, "kernels"), lambda: [(term, term.kernel(step)) for term in self.terms])
+        x, summed, total, energies = array(x_next), np.zeros(x_next.shape), None, {}
+        for term, kernel in kernels:
+            if kernel is not None:
+                energies[term.name], gradient = kernel(x)
+                summed += gradient
+            else:
+                energy, gradient = term.energy_and_gradient(x_next, step)
+                energies[term.name] = float(energy.sum())
+                total = gradient if total is None else total + gradient
+        known = torch.from_numpy(summed).to(x_next)
+        return Evaluation(float(sum(energies.values())), known if total is None else known + total, energies)
 
     def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step, *, rough: bool = False) -> sparse.csr_array:
         """A positive definite approximation of the Hessian, ``3 vertices`` square; ``rough``: sparser if possible.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm, Stencils
+from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 
 
 class Inertia(EnergyTerm):
@@ -28,6 +29,18 @@ class Inertia(EnergyTerm):
         deviation = (x_next.detach() - step.x) - step.dt * step.v
         gradient = (step.mass / step.dt**2)[:, None] * deviation
         return step.mesh.sum_vertices(0.5 * (gradient * deviation).sum(-1)), gradient
+
+    def kernel(self, step: Step) -> Kernel | None:
+        if step.x.device.type != "cpu":
+            return None
+        start, flown, stiffness = array(step.x), array(step.dt * step.v), array(step.mass / step.dt**2)[:, None]
+
+        def evaluated(x: np.ndarray) -> tuple[float, np.ndarray]:
+            deviation = (x - start) - flown
+            gradient = stiffness * deviation
+            return 0.5 * np.vdot(gradient, deviation), gradient
+
+        return evaluated
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
         """m/dt² on the diagonal: exact."""

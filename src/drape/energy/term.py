@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from scipy import sparse
@@ -13,6 +15,9 @@ from torch import Tensor, nn
 from drape.energy.hessian import Filled, StencilSum
 from drape.energy.step import Step
 
+Kernel = Callable[[Float[np.ndarray, "vertices 3"]], tuple[float, Float[np.ndarray, "vertices 3"]]]
+"""Energy of all cloths together [J] and its gradient [N] at positions in double precision."""
+
 
 class Stencils(NamedTuple):
     """Positive semi-definite pieces of a Hessian: piece s couples the vertices ``vertices[s]`` by ``blocks[s]``."""
@@ -20,6 +25,11 @@ class Stencils(NamedTuple):
     vertices: Int[Tensor, "stencils corners"]
     blocks: Float[Tensor, "stencils corners 3 corners 3"]
     """[N/m]"""
+
+
+def array(values: Tensor) -> np.ndarray:
+    """In double precision, for compiled code."""
+    return values.detach().double().contiguous().cpu().numpy()
 
 
 class EnergyTerm(nn.Module, ABC):
@@ -45,6 +55,10 @@ class EnergyTerm(nn.Module, ABC):
             energy = self(x_next, step)
             (gradient,) = torch.autograd.grad(energy.sum(), x_next)
         return energy.detach(), gradient
+
+    def kernel(self, step: Step) -> Kernel | None:
+        """The same for many positions in one step, without tensors; None where there is none, as on a device."""
+        return None
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """A positive semi-definite approximation of the Hessian at ``x_next``, piece by piece; [] if it is zero."""

@@ -155,4 +155,6 @@ class MeshBatch:
     def sum_vertices(self, per_vertex: Float[Tensor, " vertices"]) -> Float[Tensor, " meshes"]:
         """Sum a quantity of the vertices over each mesh, in float64."""
         per_vertex = per_vertex.double()
+        if self.num_meshes == 1:
+            return per_vertex.sum()[None]
         return per_vertex.new_zeros(self.num_meshes).index_add(-1, self.mesh_of_vertex, per_vertex)

@@ -133,7 +133,9 @@ class Minimiser:
         return float(free.norm(dim=-1).mean()) if len(free) else 0.0
 
     def _factorise(self, x: Tensor, step: Step) -> None:
-        matrix = self.potential.hessian(x, step, rough=self._rough)[self._slots][:, self._slots]
+        matrix = self.potential.hessian(x, step, rough=self._rough)
+        if len(self._slots) < matrix.shape[0]:
+            matrix = matrix[self._slots][:, self._slots]
         self._factors.factorise(matrix)
         self._is_stale = False
         self.factorisations += 1
