@@ -85,7 +85,7 @@ def spring_hinge() -> BakedHinges:
     """A spring-hinge law of a mesh with longer edges than those of :func:`make_step`."""
     constants = torch.tensor([[0.0, 300.0, 200.0, 0.1, 2.0, 0.4, 1.5, 0.3]], dtype=torch.float64)
     silk = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
-    return SpringHingeLaw(constants).of_fabric(0, silk, face_area=0.02)
+    return SpringHingeLaw(constants).of_fabric(0, silk, face_area=0.02, dt=0.01)
 
 
 TERMS = {

@@ -23,7 +23,7 @@ from tests.terms import hinges, make_step
 
 VECTOR = torch.linspace(0.1, 0.9, 5, dtype=torch.float64)
 DT = 1.0 / 25.0
-DAMPER, DRAG = 3.0, 0.2
+DAMPER, DRAG = 300.0, 0.2
 
 
 def units(axial: float = 0.0, air: float = 0.0, lost: tuple[float, float] = (0.0, 0.0)) -> Damping:

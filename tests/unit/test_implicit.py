@@ -226,7 +226,7 @@ def test_hanging_springs_carry_the_weight():
         pins=Pins.fixed(np.array([0, 1]), rest[:2]),
     )  # fmt: skip
     constants = torch.tensor([[0.0, 0.0, stiffness, 0.0, 0.0, 0.0, 5.0, 0.0]], dtype=torch.float64)
-    law = SpringHingeLaw(constants).of_fabric(0, SILK, face_area=0.5)
+    law = SpringHingeLaw(constants).of_fabric(0, SILK, face_area=0.5, dt=1e-4)
     terms = [HingeElastic(law, transfer=False), Damping(law, transfer=False)]
     potential = IncrementalPotential.for_scene(scene, terms)
     solver, state = ImplicitSolver(potential, scene, NO_ATTRIBUTES, tolerance=1e-10), scene.initial

@@ -227,7 +227,7 @@ def in_a_scene(law: SpringHingeLaw, moving: Window) -> torch.Tensor:
         mesh=moving.mesh, x=moving.x, v=moving.v, mass=moving.mass, free=moving.free, attributes=moving.attributes,
         gravity=moving.gravity, dt=moving.dt,
     )  # fmt: skip
-    hinges = law.of_fabric(0, SILK, face_area=0.02)
+    hinges = law.of_fabric(0, SILK, face_area=0.02, dt=0.01)
     terms = [kind(hinges, transfer=False) for kind in (HingeElastic, Damping)]
     return -sum(term.energy_and_gradient(moving.x_next, step)[1] for term in terms)
 

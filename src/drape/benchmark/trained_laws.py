@@ -134,8 +134,9 @@ class TrainedLaws:
     def _fitted(self, run: Run, apart: Sequence[int]) -> tuple[dict[str, float], Iterator[tuple[str, Fabric]]]:
         data = run.data
         fit = SpringHingeLaw.fit(data.windows_apart(self.windows, BATCH, apart), len(data.file.fabrics))
+        dt = data.observation.stride * float(data.file.dt)
         area = float(MeshBatch.from_meshes([data.file.mesh]).rest_faces.area.mean())
-        baked = (fit.of_fabric(data.file.fabrics.index(m.name), m, area) for m in _materials(data))
+        baked = (fit.of_fabric(data.file.fabrics.index(m.name), m, area, dt) for m in _materials(data))
         return self._residuals(data, fit.force_residual), ((law.fabric.name, of_law(law)) for law in baked)
 
     def _residuals(

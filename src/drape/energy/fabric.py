@@ -76,7 +76,8 @@ def spring_hinge(path: str, windows: int, instruments: Sequence[int], transfer: 
     data = TrajectoryDataModule(path, [material.name], 1, 50, dict.fromkeys(ATTRIBUTES, 1.0), seed=None)
     fitted = SpringHingeLaw.fit(data.windows_apart(windows, 50, instruments), len(data.file.fabrics))
     face_area = float(MeshBatch.from_meshes([data.file.mesh]).rest_faces.area.mean())
-    return of_law(fitted.of_fabric(data.file.fabrics.index(material.name), material, face_area), transfer)
+    law = fitted.of_fabric(data.file.fabrics.index(material.name), material, face_area, float(data.file.dt))
+    return of_law(law, transfer)
 
 
 def of_law(law: HingeLaw, transfer: bool = True) -> Fabric:

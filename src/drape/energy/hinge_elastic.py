@@ -183,19 +183,24 @@ class Damping(EnergyTerm):
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         moved = x_next - step.x
+        air = step.mesh.sum_vertices((0.5 / step.dt) * (self._drag(step) * moved.square()).sum(-1))
+        if not self.law.damper:
+            return air
         rate, _ = _rates(moved, step)
         axial = (0.5 * self.law.damper / step.dt) * rate.square()
-        air = (0.5 / step.dt) * (self._drag(step) * moved.square()).sum(-1)
-        return step.sum_stencils(axial, step.mesh.edges[:, 0]) + step.mesh.sum_vertices(air)
+        return step.sum_stencils(axial, step.mesh.edges[:, 0]) + air
 
     def energy_and_gradient(
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
         moved = x_next.detach() - step.x
+        drag = (self._drag(step) / step.dt) * moved
+        energy = step.mesh.sum_vertices(0.5 * (drag * moved).sum(-1))
+        if not self.law.damper:
+            return energy, drag
         rate, direction = _rates(moved, step)
-        pull, drag = (self.law.damper / step.dt) * rate, (self._drag(step) / step.dt) * moved
-        energy = step.sum_stencils(0.5 * pull * rate, step.mesh.edges[:, 0])
-        energy = energy + step.mesh.sum_vertices(0.5 * (drag * moved).sum(-1))
+        pull = (self.law.damper / step.dt) * rate
+        energy = energy + step.sum_stencils(0.5 * pull * rate, step.mesh.edges[:, 0])
         along = pull * direction
         return energy, drag + step.mesh.edge_corners.scatter(torch.stack([-along, along]), len(moved))
 
@@ -208,15 +213,18 @@ class Damping(EnergyTerm):
     def _compiled(self, step: Step) -> tuple[np.ndarray | float, ...]:
         """What the kernel needs of a step."""
         direction = array(step.once("directions", lambda: _directions(step)).T)
+        edges = slice(None) if self.law.damper else slice(0)
         drag = array(self._drag(step)[:, 0] / step.dt)
-        return array(step.x), step.mesh.edges.numpy(), direction, self.law.damper / step.dt, drag
+        return array(step.x), step.mesh.edges.numpy()[edges], direction[edges], self.law.damper / step.dt, drag
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """``c/dt y yᵀ`` on each edge, ``d/dt`` on each vertex: exact."""
-        direction = step.once("directions", lambda: _directions(step))
-        identity = torch.eye(3, dtype=direction.dtype, device=direction.device)
+        identity = torch.eye(3, dtype=step.x.dtype, device=step.x.device)
         drag = (self._drag(step) / step.dt)[:, :, None] * identity
         on_vertices = Stencils(torch.arange(len(step.x), device=step.x.device)[:, None], drag[:, None, :, None])
+        if not self.law.damper:
+            return [on_vertices]
+        direction = step.once("directions", lambda: _directions(step))
         if x_next.device.type == "cpu":
             _, _, *given, _ = step.once((self, "compiled"), lambda: self._compiled(step))
             add = partial(damping_kernel.add_hessian, direction=given[0], axial=given[1])

@@ -12,6 +12,9 @@ from torch import Tensor, nn
 from drape.energy.eunet import EUNet
 from drape.energy.potential_hinge import HingePotential
 
+FELT = 0.1
+"""Of ``k dt``, which a backward Euler step of dt damps an edge by, that a damper has to have to be told from it."""
+
 
 class HingeSlopes(NamedTuple):
     """Energies of edges and their derivatives in q = (Δl, Δθ)."""
@@ -55,20 +58,31 @@ class HingeLaw(nn.Module, ABC):
         return HingeSlopes(energy.detach(), gradient.detach(), torch.stack(rows, 1))
 
 
+def fabrics_damper(damper: float, stiffness: float, dt: float) -> float:
+    """An axial damper [kg/s] that was found in frames of a recording; 0 where a fabric need not have it.
+
+    A recorder that takes q solver steps in a frame of dt, each with the linearised force of its springs, shows a damper
+    of ``k dt/q²``: Blender's cloth does at every quality (``benchmark.py measure=recorder``), and held-out cloth is
+    nearer without it. A step of the solver damps an edge of stiffness k by ``k dt`` of its own.
+    """
+    return damper if damper > FELT * stiffness * dt else 0.0
+
+
 class NetworkHinges(HingeLaw):
     """The law that the networks of a trained :class:`EUNet` are, for one fabric.
 
-    Of what its dissipation units have learned a solver takes the axial damper and the drag; a negative one counts as 0.
-    At which of three frames forces act belongs to the recorder, and is left out.
+    Of what its dissipation units have learned a solver takes the drag, and the axial damper where it is one of the
+    fabric: see :func:`fabrics_damper`. At which of three frames forces act belongs to the recorder, and is left out.
     """
 
     def __init__(self, energy: EUNet, attributes: Float[Tensor, " attributes"], face_area: float, dt: float):
         damper = drag = 0.0
         if energy.dissipates:
             damper, drag = energy.units["dissipation"].constants(attributes, dt)
-        super().__init__(face_area, max(damper, 0.0), max(drag, 0.0))
+        super().__init__(face_area, 0.0, max(drag, 0.0))
         self.units: HingePotential = energy.potential
         self.register_buffer("attributes", attributes)
+        self.damper = fabrics_damper(damper, float(self.slopes(torch.zeros(1, 2).double()).hessian[0, 0, 0]), dt)
 
     def potential(self, q: Float[Tensor, "edges 2"]) -> Float[Tensor, " edges"]:
         size = self.units.deformation.size

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from drape.data.windows import Window
 from drape.energy.baked_hinges import BakedHinges
 from drape.energy.deformation import StretchHinge
+from drape.energy.hinge_law import fabrics_damper
 from drape.energy.spline_plane import SplinePlane
 from drape.errors import DrapeError
 from drape.scene.geometry import TINY, EdgeGeometry
@@ -104,8 +105,8 @@ class SpringHingeLaw(nn.Module):
         """``m a - m g - f`` [N]; 0 at pins. The same as ``StepEnergies.force_residual`` is of an energy."""
         return (window.inertial_force - self(window)) * window.free[:, None]
 
-    def of_fabric(self, number: int, material: Material, face_area: float) -> BakedHinges:
-        """``φp = ½(k₋ + k₀ + k₊) Δl² + ½(b₋ + b₀ + b₊) Δθ²`` [J] of an edge of one fabric, with its damper and drag.
+    def of_fabric(self, number: int, material: Material, face_area: float, dt: float) -> BakedHinges:
+        """``φp = ½(k₋ + k₀ + k₊) Δl² + ½(b₋ + b₀ + b₊) Δθ²`` [J] of an edge of one fabric, with its drag and damper.
 
         A constant needs a table of a single node. Coefficients below 0 count as 0: no step may gain energy from them.
 
@@ -113,18 +114,20 @@ class SpringHingeLaw(nn.Module):
             number: of the fabric among those fitted.
             material: its settings.
             face_area: mean area of the faces of the mesh fitted on [m²].
+            dt: between the frames fitted on [s].
         """
         found = self.coefficients[number].cpu().numpy()
         stiffness = np.array([found[:3].sum(), found[3:6].sum()])
         damper, drag = found[6:].clip(min=0.0).tolist()
+        stiffness = stiffness.clip(min=0.0)
         return BakedHinges(
-            SplinePlane(stiffness.clip(min=0.0)[:, None, None], first=(0, 0), step=(1.0, 1.0)),
+            SplinePlane(stiffness[:, None, None], first=(0, 0), step=(1.0, 1.0)),
             fabric=material,
             attributes=torch.zeros(len(ATTRIBUTES), dtype=torch.float64),
             stretch_scale=1.0,
             angle_scale=1.0,
             face_area=face_area,
-            damper=damper,
+            damper=fabrics_damper(damper, stiffness[0], dt),
             drag=drag,
         )
 
