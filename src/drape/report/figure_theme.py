@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 INK = {False: "#24292f", True: "#d8dee6"}
 """Of text and frames on a light, on a dark page."""
@@ -31,6 +33,13 @@ def themed(*, dark: bool) -> Iterator[None]:
     }
     with matplotlib.rc_context(settings):
         yield
+
+
+def written_out(axis: Axis, subs: Sequence[int] = (1, 2, 5)) -> None:
+    """Numbers of a logarithmic axis as they are, at these multiples of powers of ten."""
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def legend_below(figure: Figure) -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from drape.evaluation.scored_sequence import UNREADABLE
-from drape.report.figure_theme import INK, legend_below, save_figure, themed
+from drape.report.figure_theme import INK, legend_below, save_figure, themed, written_out
 from drape.report.garment_colours import row_styles
 from drape.report.garment_rows import GarmentRow
 
@@ -55,9 +55,7 @@ def draw_garment_comparison(rows: Sequence[GarmentRow], path: Path, *, dark: boo
             axis.plot(frames, floor, label="noise floor", color=INK[dark], linestyle=":", linewidth=1.2)
         axis.set(xlabel="frame", ylabel="mean vertex error [mm]", yscale="log")
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-        axis.yaxis.set_minor_formatter(NullFormatter())
+        written_out(axis.yaxis)
         axis.grid(alpha=0.25, linewidth=0.5)
         legend_below(figure)
         return save_figure(figure, path)

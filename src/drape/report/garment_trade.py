@@ -7,10 +7,9 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from drape.evaluation.scored_sequence import write_rows
-from drape.report.figure_theme import INK, legend_below, save_figure, themed
+from drape.report.figure_theme import INK, legend_below, save_figure, themed, written_out
 from drape.report.garment_colours import row_styles
 from drape.report.garment_rows import GarmentRow
 
@@ -73,9 +72,7 @@ def draw_garment_trade(rows: Sequence[GarmentRow], path: Path, *, dark: bool = F
         axis.grid(alpha=0.25, linewidth=0.5)
         for ticks in (axis.xaxis, axis.yaxis):
             low, high = ticks.get_view_interval()
-            ticks.set_major_locator(LogLocator(subs=(1, 2, 5) if high < DENSE * low else (1,)))
-            ticks.set_major_formatter(FormatStrFormatter("%g"))
-            ticks.set_minor_formatter(NullFormatter())
+            written_out(ticks, (1, 2, 5) if high < DENSE * low else (1,))
         legend_below(figure)
         return save_figure(figure, path)
 

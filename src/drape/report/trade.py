@@ -8,7 +8,8 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
+from drape.report.figure_theme import written_out
 
 CURVE = ("energy", "precision", "steps", "resolution")
 """Columns that make a curve; its points are the budgets of iterations."""
@@ -71,6 +72,4 @@ def _draw_panel(axis: Axes, rows: Sequence[Mapping], colours: Mapping, markers: 
     axis.set(xscale="log", yscale="log", xlabel="time per frame [ms]", ylabel="mean vertex error [mm]")
     axis.grid(alpha=0.3, linewidth=0.4)
     for ticks in (axis.xaxis, axis.yaxis):
-        ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ticks.set_major_formatter(FormatStrFormatter("%g"))
-        ticks.set_minor_formatter(NullFormatter())
+        written_out(ticks)

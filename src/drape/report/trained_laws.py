@@ -9,6 +9,8 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from drape.report.figure_theme import written_out
+
 PANELS = {
     "force_residual_N": "force residual on the test split [N]",
     "error_percent": "error of animations [% of the way]",
@@ -28,7 +30,8 @@ def draw_trained_laws(rows: Sequence[Mapping[str, str | float]], name: str, path
         _draw_panel(axis, rows, key, places)
         axis.set(xscale="log", yscale="log", xlabel=name.replace("_", " "), ylabel=label)
         axis.set_xticks(list(places.values()), [f"{value:g}" for value in places])
-        axis.minorticks_off()
+        axis.xaxis.minorticks_off()
+        written_out(axis.yaxis)
         axis.grid(alpha=0.3, linewidth=0.4)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9)

@@ -8,10 +8,10 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from drape.metrics.fabric_metric import OVERALL
 from drape.metrics.record import RunRecord
+from drape.report.figure_theme import written_out
 from drape.report.runs import Configuration, configurations
 from drape.report.tables import BASELINES, label
 
@@ -43,9 +43,7 @@ def draw_training_trade(runs: Sequence[RunRecord], path: Path | str, fabric: str
         row[0].set_ylabel(f"{error}, {fabric}")
     _draw_baselines(list(axes[1]), runs, fabric)
     for ticks in (axes[0][0].yaxis, axes[1][0].yaxis, axes[1][1].xaxis):
-        ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ticks.set_major_formatter(FormatStrFormatter("%g"))
-        ticks.set_minor_formatter(NullFormatter())
+        written_out(ticks)
     widths = sorted({int(run.setting["width"]) for run in runs})
     axes[1][0].set_xticks(widths, [str(width) for width in widths])
     axes[1][0].minorticks_off()
