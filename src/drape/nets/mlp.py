@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from drape.nets.silu import SiLU
+
 
 def feed_forward(sizes: Sequence[int], *, bias: bool = True, last_activation: bool = False) -> nn.Sequential:
     """Linear layers of the given sizes with SiLU between them, and after the last one if asked."""
     layers: list[nn.Module] = []
     for size_in, size_out in zip(sizes[:-1], sizes[1:], strict=True):
-        layers += [nn.Linear(size_in, size_out, bias=bias), nn.SiLU()]
+        layers += [nn.Linear(size_in, size_out, bias=bias), SiLU()]
     return nn.Sequential(*(layers if last_activation else layers[:-1]))
 
 
