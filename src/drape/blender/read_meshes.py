@@ -91,7 +91,7 @@ def read(path: Path, dt: float | None, frames: int | None, clip: str | None) -> 
     materials = arrays.pop("names")
     start = int(first) if rate is None else round(first / clock * rate)
     return arrays | {"positions": np.stack(moments)}, {
-        "fps": rate, "first": start, "materials": materials, "said": said,
+        "fps": None if rate is None else float(rate), "first": start, "materials": materials, "said": said,
     }  # fmt: skip
 
 

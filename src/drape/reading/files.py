@@ -104,7 +104,11 @@ def _folder(folder: Path) -> MeshFile:
 
 def _ply(path: Path) -> MeshFile:
     ply = PlyData.read(path)
-    vertices, faces = ply["vertex"].data, ply["face"].data
+    vertices = ply["vertex"].data
+    positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)[None]
+    if "face" not in ply:
+        return MeshFile(path, Polygons.of_faces(np.zeros((0, 3), np.int64)), positions)
+    faces = ply["face"].data
     name = next(name for name in faces.dtype.names if name in ("vertex_indices", "vertex_index"))
     polygons = [np.asarray(face, np.int64) for face in faces[name]]
     corners = np.concatenate(polygons) if polygons else np.zeros(0, np.int64)
@@ -112,9 +116,8 @@ def _ply(path: Path) -> MeshFile:
     for s, t in (("s", "t"), ("u", "v"), ("texture_u", "texture_v")):
         if s in vertices.dtype.names and t in vertices.dtype.names:
             uv = np.stack([vertices[s], vertices[t]], axis=1).astype(np.float64)[corners]
-    positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)
     sizes = np.array([len(face) for face in polygons], np.int64)
-    return MeshFile(path, Polygons(corners, sizes), positions[None], uv=uv)
+    return MeshFile(path, Polygons(corners, sizes), positions, uv=uv)
 
 
 def _by_trimesh(path: Path) -> MeshFile:
@@ -122,7 +125,7 @@ def _by_trimesh(path: Path) -> MeshFile:
     scene = trimesh.load_scene(path, process=False, maintain_order=True)
     meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
     if not meshes:
-        return MeshFile(path, Polygons.of_faces(np.zeros((0, 3))), np.zeros((1, 0, 3)))
+        return MeshFile(path, Polygons.of_faces(np.zeros((0, 3), np.int64)), np.zeros((1, 0, 3)))
     begin = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, begin, strict=False)])
     uvs = [getattr(mesh.visual, "uv", None) for mesh in meshes]

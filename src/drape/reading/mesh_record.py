@@ -118,5 +118,5 @@ class ReadMesh:
         seen.append("1 part" if self.parts == 1 else f"{self.parts} parts that touch nowhere")
         if len(self.positions) > 1:
             seen.append(f"{len(self.positions)} frames at {self.source.fps:g} per second")
-        changed = [f"{count} {words}" for words, count in self.changes.items() if count]
+        changed = [f"{words}: {count}" for words, count in self.changes.items() if count]
         return f"{what}: " + "; ".join([", ".join(seen), *changed, *self.shells, *self.source.said])

@@ -51,10 +51,11 @@ def made(
     changes = {
         "polygons cut into triangles": int((source.polygons.sizes > 3).sum()),
         "copies of vertices merged": int((exact != np.arange(len(exact)))[seen].sum()),
-        f"vertices of seams up to {1e3 * reach:.2g} mm apart merged": int((near[exact] != exact)[seen].sum()),
+        f"vertices of seams up to {1e3 * reach:.3g} mm apart merged": int((near[exact] != exact)[seen].sum()),
         "loose vertices left out": int((~seen).sum()),
         **left_out,
         "faces turned to wind like their neighbours": wound,
+        "edges where a piece is sewn on (three faces or more)": _sewn_on(faces),
     }
     parts = (source.polygons, factor, up, source.first, source.uv, source.materials, source.material)
     form = FileForm(vertex[welded], metres[0], *parts)
@@ -136,6 +137,11 @@ def _wound_alike(faces: np.ndarray, points: np.ndarray, source: MeshFile) -> tup
             f"them is at {np.round(points[faces[mine[0]]].mean(axis=0), 3).tolist()} m); expected two sides; cut it"
         )
     return np.where(sheets.turned[:, None], faces[:, ::-1], faces), int(sheets.turned.sum())
+
+
+def _sewn_on(faces: Int[np.ndarray, "faces 3"]) -> int:
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    return int((np.unique(edges, axis=0, return_counts=True)[1] > 2).sum())
 
 
 def _parts(faces: Int[np.ndarray, "faces 3"]) -> int:
