@@ -124,7 +124,8 @@ def bodies(folder: Path) -> None:
         moments.append([list(bent.matrix_world @ vertex.co) for vertex in bent.to_mesh().vertices])
     np.savez_compressed(f"{folder}/bent_expected.npz", positions=np.array(moments, np.float32))
     bpy.ops.export_scene.gltf(filepath=f"{folder}/bent.glb", export_frame_range=True)
-    bpy.ops.wm.alembic_export(filepath=f"{folder}/bent.abc", start=1, end=9, uvs=False, normals=False, as_background_job=False)
+    whole = {"start": 1, "end": 9, "uvs": False, "normals": False, "as_background_job": False}
+    bpy.ops.wm.alembic_export(filepath=f"{folder}/bent.abc", **whole)
     bpy.ops.wm.usd_export(filepath=f"{folder}/bent.usdc", export_animation=True)
     bpy.ops.export_scene.fbx(filepath=f"{folder}/bent.fbx", bake_anim_use_nla_strips=False)
 
@@ -146,7 +147,7 @@ def clips(folder: Path) -> None:
         track.strips.new(name, 1, action)
         cube.animation_data.action = None
     bpy.ops.export_scene.gltf(filepath=f"{folder}/clips.glb")
-    bpy.ops.export_scene.fbx(filepath=f"{folder}/clips.fbx", bake_anim_use_nla_strips=True, bake_anim_use_all_actions=False)
+    bpy.ops.export_scene.fbx(filepath=f"{folder}/clips.fbx", bake_anim_use_all_actions=False)
 
 
 def by_trimesh(folder: Path) -> None:
@@ -184,7 +185,7 @@ def by_usd(folder: Path) -> None:
         mesh.GetPointsAttr().Set(raised, 10 + frame)
     quads = [[j * 3 + i, j * 3 + 3 + i, j * 3 + 4 + i, j * 3 + 1 + i] for j in range(2) for i in range(2)]
     mesh.CreateFaceVertexCountsAttr([4] * 4)
-    mesh.CreateFaceVertexIndicesAttr(sum(quads, []))
+    mesh.CreateFaceVertexIndicesAttr(np.ravel(quads).tolist())
     mesh.CreateSubdivisionSchemeAttr("none")
     stage.GetRootLayer().Save()
 

@@ -168,7 +168,8 @@ def _joined(bpy, time: float) -> tuple[np.ndarray, dict]:
         positions.append(_of(mesh.vertices, "co", 3) @ world[:3, :3].T + world[:3, 3])
         parts["corners"].append(_of(mesh.loops, "vertex_index", 1, np.int32)[:, 0].astype(np.int64) + count)
         parts["sizes"].append(_of(mesh.polygons, "loop_total", 1, np.int32)[:, 0].astype(np.int64))
-        parts["uv"].append(_of(mesh.uv_layers.active.data, "uv", 2) if mesh.uv_layers.active else None)
+        layer = mesh.uv_layers.active
+        parts["uv"].append(_of(layer.data, "uv", 2) if layer else np.full((len(mesh.loops), 2), np.nan))
         slots = [names.append(m.name) or len(names) - 1 if m else -1 for m in mesh.materials] or [-1]
         index = _of(mesh.polygons, "material_index", 1, np.int32)[:, 0]
         parts["material"].append(np.array(slots)[np.minimum(index, len(slots) - 1)])
@@ -176,9 +177,9 @@ def _joined(bpy, time: float) -> tuple[np.ndarray, dict]:
         evaluated.to_mesh_clear()
     if not positions or not sum(map(len, parts["sizes"])):
         raise DrapeError("found no mesh with faces; expected a mesh; export its faces, not curves or a skeleton")
-    if any(uv is None for uv in parts["uv"]):
-        del parts["uv"]
     arrays = {name: np.concatenate(part) for name, part in parts.items()}
+    if np.isnan(arrays["uv"]).all():
+        del arrays["uv"]
     return np.concatenate(positions), arrays | {"names": names}
 
 

@@ -129,7 +129,9 @@ def _by_trimesh(path: Path) -> MeshFile:
     begin = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, begin, strict=False)])
     uvs = [getattr(mesh.visual, "uv", None) for mesh in meshes]
-    uv = None if any(part is None for part in uvs) else np.concatenate(uvs).astype(np.float64)[faces.reshape(-1)]
+    missing = [np.full((len(mesh.vertices), 2), np.nan) for mesh in meshes]
+    uv = np.concatenate([lack if part is None else part for part, lack in zip(uvs, missing, strict=True)])
+    uv = None if np.isnan(uv).all() else uv.astype(np.float64)[faces.reshape(-1)]
     names = [getattr(getattr(mesh.visual, "material", None), "name", None) for mesh in meshes]
     materials = tuple(dict.fromkeys(name for name in names if name))
     known = {name: number for number, name in enumerate(materials)}

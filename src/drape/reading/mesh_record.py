@@ -52,7 +52,7 @@ class MeshFile:
     up: str | None = None
     """``y`` or ``z``; None where the file does not say."""
     uv: Float[np.ndarray, "corners 2"] | None = None
-    """Texture coordinates of each corner."""
+    """Texture coordinates of each corner, NaN where it has none; None where no corner has."""
     materials: tuple[str, ...] = ()
     material: Int[np.ndarray, " polygons"] | None = None
     """Which of ``materials`` each polygon has, -1 for none."""
@@ -117,6 +117,7 @@ class ReadMesh:
         seen = [f"{self.source.path.name}, {size} m", f"{len(self.positions[0])} vertices", f"{len(self.faces)} faces"]
         seen.append("1 part" if self.parts == 1 else f"{self.parts} parts that touch nowhere")
         if len(self.positions) > 1:
-            seen.append(f"{len(self.positions)} frames at {self.source.fps:g} per second")
+            rate = "" if self.source.fps is None else f" at {self.source.fps:g} per second"
+            seen.append(f"{len(self.positions)} frames{rate}")
         changed = [f"{words}: {count}" for words, count in self.changes.items() if count]
         return f"{what}: " + "; ".join([", ".join(seen), *changed, *self.shells, *self.source.said])

@@ -38,7 +38,7 @@ def read_obj(path: Path) -> MeshFile:
     if any(len(vertex) != 3 for vertex in vertices):
         raise ValueError("a vertex without three coordinates")
     polygons = Polygons(np.array(corners, np.int64), np.array(sizes, np.int64))
-    uv = np.array(textures)[textured] if len(textures) and textured and min(textured) >= 0 else None
+    uv = np.array([*textures, [np.nan, np.nan]])[textured] if textured and max(textured) >= 0 else None
     return MeshFile(
         path,
         polygons,
