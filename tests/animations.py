@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,15 @@ import trimesh
 
 from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
+from drape.reading.files import read_file
+from drape.reading.mesh_record import ReadMesh
+from drape.reading.triangles import made
 from drape.scene.grid import square_grid
 from drape.scene.obstacle import Obstacle
 from drape.scene.state import State
 
+FILES = Path(__file__).parent / "fixtures"
+"""As tools write them."""
 COLUMNS = {"residual": "N", "iterations": "1"}
 MESH = square_grid(1.0, 7, "alternating")
 REST = MESH.rest_positions.astype(np.float64)
@@ -53,4 +59,19 @@ def write(path: Path, made: AnimationHeader, stop: int | None = None) -> Path:
     with AnimationWriter(path, made) as writer:
         for frame in range(writer.num_frames, made.frames if stop is None else stop):
             writer.append(state(frame), numbers(frame))
+    return path
+
+
+def raised(read: ReadMesh, path: Path, first: int = 0) -> Path:
+    """Two frames of a cloth as it was read, and 1 cm higher, with a body that moves from frame ``first`` on."""
+    x = read.positions[0]
+    ball = made(replace(read_file(FILES / "trimesh" / "ball_mixed.obj"), first=first))
+    body = Obstacle(ball.faces, ball.positions + [[[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.02]]])
+    unit = np.ones(len(x))
+    header = AnimationHeader(
+        x, read.faces, unit, 1 / 24, 2, np.array([0, 0, -9.81]), obstacle=body, forms=(read.form, ball.form)
+    )
+    with AnimationWriter(path, header) as writer:
+        for frame in range(2):
+            writer.append(State(x + [0.0, 0.0, 0.01 * frame], 0 * x))
     return path

@@ -17,9 +17,6 @@ import torch
 from drape.config.resolvers import SHIPPED
 from tests.integration.test_animate_cli import BALL, BODY, FACES, HANGING, MASS, WALK, X, written
 
-INTERIOR = (7, 8)
-"""An edge with two faces."""
-
 
 def refused(animate: Callable, folder: Path, *overrides: str) -> str:
     """The sentence of a command that must fail before anything is simulated or written."""
@@ -49,17 +46,11 @@ def changed(array: np.ndarray, index: object, value: float) -> np.ndarray:
 
 
 MESHES = {
-    "non-manifold": (np.r_[X, [[0, 0, 1]]], np.r_[FACES, [[*INTERIOR, 36]]], "edges have more than two faces.*split"),
-    "duplicate vertex": (np.r_[X, X[:1]], changed(FACES, (0, FACES[0] == 0), 36), "1 duplicate vertices.*merge them"),
-    "duplicate face": (X, np.r_[FACES, FACES[:1]], "1 faces stand twice; remove"),
     "degenerate face": (X, np.r_[FACES, [[0, 1, 2]]], "1 faces have no area .*remove them or merge"),
-    "one corner twice": (X, np.r_[FACES, [[0, 1, 1]]], "1 faces have no area"),
-    "winding": (X, np.r_[FACES[:1, ::-1], FACES[1:]], "wind in opposite directions; orient all"),
-    "unused vertex": (np.r_[X, [[9, 9, 9]]], FACES, "1 vertices belong to no face .*remove them"),
-    "no face": (X, FACES[:0], "found no triangle; expected a triangle mesh; export faces"),
+    "no face": (X, FACES[:0], "found no triangle; expected a mesh with faces; export faces"),
     "empty": (X[:0], FACES[:0], "found no triangle"),
-    "no such vertex": (X, np.r_[FACES, [[0, 1, 99]]], "cannot be read as OBJ .*export the mesh again"),
-    "nan": (changed(X, 7, np.nan), FACES, r"vertex 7 is at \[nan nan nan\]; expected finite"),
+    "no such vertex": (X, np.r_[FACES, [[0, 1, 99]]], r"faces index 0\.\.98; expected 0\.\.35"),
+    "nan": (changed(X, 7, np.nan), FACES, r"frame 0, vertex 7: found \[nan nan nan\]; expected finite"),
     "centimetres": (100 * X, FACES, r"found a cloth of 141 m; expected 0\.01 to 100 m; .* set scene\.scale"),
 }
 
@@ -113,7 +104,6 @@ def holding_nan(folder: Path) -> Path:
 BODIES = {
     "centimetres": (lambda f: written(f / "b.obj", 100 * BODY, BALL.faces), r"shirt\.obj and .*b\.obj: .*body_scale"),
     "far away": (lambda f: written(f / "b.obj", BODY + 50, BALL.faces), "away from a body .*expected it on the body"),
-    "inside out": (lambda f: written(f / "b.obj", BODY, BALL.faces[:, ::-1]), "wind inwards .*; expected outwards"),
     "another topology": (changing, r"body_2\.obj: .* not those of body_0\.obj .*; expected the same topology"),
     "too short": (lambda f: npz(f, positions=WALK[:2]), "found 2 frames at 30 per second.* set scene.frames to 1"),
     "no rate": (lambda f: npz(f, fps=None), r"without a rate; expected frames per second: set scene\.body_fps"),

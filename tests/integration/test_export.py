@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,9 @@ from drape.blender import output
 from drape.blender.output import export, render
 from drape.blender.process import BlenderProcess
 from drape.errors import DrapeError
-from tests.animations import MESH, header, state, write
+from drape.reading.files import read_file
+from drape.reading.triangles import made
+from tests.animations import FILES, MESH, header, raised, state, write
 
 ROOT = Path(__file__).parents[2]
 SIZE = (64, 48)
@@ -80,6 +83,25 @@ def animation_times(glb: Path) -> list[tuple[float, float, int]]:
     (animation,) = document["animations"]  # viewers play one at a time
     times = [document["accessors"][sampler["input"]] for sampler in animation["samplers"]]
     return [(t["min"][0], t["max"][0], t["count"]) for t in times]
+
+
+def test_files_come_out_with_the_polygons_texture_materials_and_frames_they_came_in_with(tmp_path: Path) -> None:
+    """A garment in centimetres: Alembic, which says no unit, has them again; the others are in metres."""
+    source = read_file(FILES / "blender" / "skirt.obj")
+    read = made(replace(source, positions=100 * source.positions), 0.01, "y")
+    written = export(raised(read, tmp_path / "a.h5", first=7), ["abc", "usd", "glb"], tmp_path / "out")
+    for path in written:
+        back, scale = read_file(path, animated=True), 0.01 if path.suffix == ".abc" else 1.0
+        moved = made(back, scale)
+        assert (back.fps, back.first, len(back.positions)) == (24.0, 7, 2)
+        cloth = moved.positions[:, -48:] if path.suffix != ".glb" else moved.positions[:, 42:]
+        np.testing.assert_allclose(np.sort(cloth[0], axis=0), np.sort(read.positions[0], axis=0), atol=1e-6)
+        np.testing.assert_allclose(cloth[1] - cloth[0], np.tile([0, 0, 0.01], (48, 1)), atol=1e-6)
+        assert len(np.unique(np.round(back.uv[~np.isnan(back.uv).any(axis=1), 0], 4))) == 13
+        if path.suffix != ".glb":
+            assert np.bincount(back.polygons.sizes).tolist() == [0, 0, 0, 80, 36], "the body's triangles, 36 quads"
+        if path.suffix != ".abc":
+            assert {name.split(".")[0] for name in back.materials} == {"body", "cloth_0", "cloth_1"}
 
 
 def test_every_format_plays_back_as_it_was_simulated(tmp_path: Path) -> None:

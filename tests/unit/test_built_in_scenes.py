@@ -196,7 +196,7 @@ def test_rest_shape_and_start_may_differ(own):
     assert scene.initial.x[:, 2] == pytest.approx(-0.1)
     assert scene.mesh.rest_positions[:, 2] == pytest.approx(0.0)
     (own / "other.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    with pytest.raises(DrapeError, match=r"other\.obj: found 3 vertices and 1 faces that are not those .*\(25 and 32"):
+    with pytest.raises(DrapeError, match=r"other\.obj: found 3 vertices and 1 faces that are not those .*\(25 vert"):
         custom(own, f"scene.start={own}/other.obj")
 
 

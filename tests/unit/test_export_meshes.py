@@ -5,13 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 import trimesh
 
 from drape.blender.output import export
 from drape.data.animation_hdf5 import AnimationFile
 from drape.data.export_meshes import export_obj
+from drape.reading.files import read_file
+from drape.reading.triangles import made
 from drape.scene.obstacle import Obstacle
-from tests.animations import MESH, header, state, write
+from tests.animations import FILES, MESH, header, raised, state, write
 
 
 def test_obj_keeps_the_order_of_the_vertices(tmp_path: Path) -> None:
@@ -46,3 +49,41 @@ def test_files_of_an_earlier_export_are_removed_and_others_stay(tmp_path: Path) 
     with AnimationFile(write(tmp_path / "short.h5", made)) as file:
         export_obj(file, folder)
     assert sorted(p.name for p in folder.iterdir()) == ["body.obj", "cloth_0000.obj", "cloth_0001.obj", "notes.txt"]
+
+
+@pytest.mark.parametrize(
+    ("name", "scale", "up"),
+    [
+        ("by_hand/panels_y_up.obj", 0.01, "y"),
+        ("by_hand/loose.obj", 1.0, "z"),
+        ("by_hand/pocket.obj", 1.0, "z"),
+        ("by_hand/seam.obj", 0.01, "z"),
+        ("blender/skirt.obj", 1.0, "y"),
+        ("blender/ngons.ply", 1.0, "z"),
+        ("blender/skirt.glb", 1.0, "y"),
+    ],
+)
+def test_obj_has_the_polygons_texture_materials_unit_and_axes_of_the_file(tmp_path: Path, name, scale, up) -> None:
+    source = read_file(FILES / name)
+    with AnimationFile(raised(made(source, scale, up), tmp_path / "a.h5", first=7)) as file:
+        export_obj(file, tmp_path / "obj")
+    assert sorted(path.stem for path in (tmp_path / "obj").iterdir()) == [
+        "body_0007",
+        "body_0008",
+        "cloth_0007",
+        "cloth_0008",
+    ]
+    for frame in range(2):
+        back = read_file(tmp_path / "obj" / f"cloth_000{7 + frame}.obj")
+        assert back.polygons.same_as(source.polygons)
+        moved = source.positions[0] + np.eye(3)["xyz".index(up)] * 0.01 * frame / scale
+        used = np.isin(np.arange(len(moved)), source.polygons.corners)
+        near = 1e-3 if "seam" in name else 2e-9  # the two sides of a seam have become one
+        np.testing.assert_allclose(back.positions[0][used], moved[used], atol=near)
+        np.testing.assert_array_equal(back.positions[0][~used], source.positions[0][~used])
+        assert (back.uv is None) == (source.uv is None)
+        if source.uv is not None:
+            np.testing.assert_allclose(back.uv, source.uv, atol=1e-7)
+        if source.materials:
+            found = [back.materials[k] for k in back.material]
+            assert found == [source.materials[k] for k in source.material]

@@ -90,7 +90,6 @@ BAD = {
     "infinite": (moved(1, [np.inf, 0, 0]), TWO, r"vertex 1 is at \[inf .*; expected finite rest positions"),
     "repeated corner": (SQUARE, np.array([[0, 1, 1], [0, 2, 3]]), "1 faces have no area .*first: 0, vertices"),
     "no area": (moved(1, [0.5, 0.5, 0]), TWO, r"1 faces have no area .*\[0, 1, 2\]"),
-    "three faces at an edge": (FIN, FAN, r"1 edges have more than two faces \(one is \[0, 2\]\); split them"),
     "opposite winding": (SQUARE, np.array([[0, 1, 2], [0, 3, 2]]), "neighbouring faces wind in opposite directions"),
     "face twice": (SQUARE, np.array([[0, 1, 2], [0, 2, 3], [1, 2, 0]]), "1 faces stand twice; remove the copies"),
     "face twice, reversed": (SQUARE, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0]]), "1 faces stand twice"),
@@ -99,6 +98,27 @@ BAD = {
     "negative index": (SQUARE, np.array([[0, 1, 2], [0, 2, -1]]), r"faces index -1\.\.2, expected 0\.\.3"),
     "no faces": (SQUARE, np.zeros((0, 3), np.int64), "found no faces; expected a triangle mesh"),
 }
+
+
+def test_three_faces_at_an_edge_are_a_piece_of_cloth_and_the_border_of_another():
+    """The two that go on straightest belong together, whichever comes first."""
+    for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):
+        mesh = ClothMesh.from_faces(FIN, FAN[order])
+        rows = (mesh.edges == [0, 2]).all(axis=1)
+        assert rows.sum() == 2
+        faces = map(tuple, np.sort(mesh.edge_faces[rows], axis=1).tolist())
+        pairs = dict(zip(faces, mesh.boundary[rows], strict=True))
+        flat, fin = (tuple(sorted(order.index(face) for face in faces)) for faces in ([0, 1], [2, 2]))
+        assert pairs == {flat: False, fin: True}
+
+
+def test_four_faces_at_an_edge_are_two_pieces_of_cloth():
+    """Two planes that cross: each goes on through the other."""
+    cross = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], float)
+    mesh = ClothMesh.from_faces(cross, np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [1, 0, 5]]))
+    rows = (mesh.edges == [0, 1]).all(axis=1)
+    assert sorted(map(sorted, mesh.edge_faces[rows].tolist())) == [[0, 1], [2, 3]]
+    assert not mesh.boundary[rows].any()
 
 
 @pytest.mark.parametrize("name", BAD)

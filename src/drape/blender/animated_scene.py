@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -11,16 +12,17 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from drape.data.look import Look
+from drape.reading.mesh_record import Polygons
 
 Positions = Callable[[int], np.ndarray]
 """Positions [m] of a mesh by frame."""
 
 
-def new_scene(frames: int, dt: float) -> bpy.types.Scene:
-    """An empty scene whose frame k is at time ``k * dt``, k from 0 on."""
+def new_scene(frames: int, dt: float, first: int = 0) -> bpy.types.Scene:
+    """An empty scene whose frame ``first`` + k is that of time ``k * dt``, k from 0 on."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    scene.frame_start, scene.frame_end = 0, frames - 1
+    scene.frame_start, scene.frame_end = first, first + frames - 1
     scene.render.fps = max(1, round(1.0 / dt))
     scene.render.fps_base = scene.render.fps * dt  # frames per second are fps / fps_base
     return scene
@@ -30,26 +32,48 @@ def mesh_object(
     name: str, positions: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
 ) -> bpy.types.Object:
     """A mesh with smooth shading, linked into the scene."""
+    return polygon_object(name, positions, Polygons.of_faces(faces))
+
+
+def polygon_object(
+    name: str, positions: Float[np.ndarray, "vertices 3"], polygons: Polygons, uv: np.ndarray | None = None
+) -> bpy.types.Object:
+    """The same of polygons, with texture coordinates of their corners."""
     mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(positions.tolist(), [], faces.tolist())
+    faces = [part.tolist() for part in np.split(polygons.corners, polygons.starts[1:])]
+    mesh.from_pydata(positions.tolist(), [], faces)
     mesh.shade_smooth()
+    if uv is not None:
+        layer = mesh.uv_layers.new(name="UVMap")
+        layer.data.foreach_set("uv", np.nan_to_num(uv).astype(np.float32).reshape(-1))
     mesh.update()
     mesh_object = bpy.data.objects.new(name, mesh)
     bpy.context.scene.collection.objects.link(mesh_object)
     return mesh_object
 
 
-def moved_objects(look: Look, move: Callable[[bpy.types.Object, Positions, int], None]) -> list[bpy.types.Object]:
-    """Cloth and body, as they are in frame 0; ``move(object, positions, frames)`` lets those move that do."""
+def moved_objects(
+    look: Look, move: Callable[[bpy.types.Object, Positions, int], None], as_read: bool = False
+) -> list[bpy.types.Object]:
+    """Cloth and body, as they are in frame 0; ``move(object, positions, frames)`` lets those move that do.
+
+    ``as_read``: with the polygons, vertices and texture coordinates of the files they came from.
+    """
     header, frames = look.file.header, look.file.num_frames
-    cloth = mesh_object("cloth", look.cloth(0), header.faces)
-    move(cloth, look.cloth, frames)
-    if not look.has_body:
-        return [cloth]
-    body = mesh_object("body", look.body(0), header.obstacle.faces)
-    if not header.obstacle.is_static:
-        move(body, look.body, frames)
-    return [cloth, body]
+    made = []
+    parts = [("cloth", look.cloth, header.faces, False)]
+    if look.has_body:
+        parts.append(("body", look.body, header.obstacle.faces, header.obstacle.is_static))
+    for (name, positions, faces, still), form in zip(parts, header.forms if as_read else (None, None), strict=False):
+        if form is None:
+            thing = mesh_object(name, positions(0), faces)
+        else:
+            positions = functools.partial(positions, form=form)
+            thing = polygon_object(name, positions(0), form.polygons, form.uv)
+        if not still:
+            move(thing, positions, frames)
+        made.append(thing)
+    return made
 
 
 def move_by_cache(folder: Path, first: int = 0) -> Callable[[bpy.types.Object, Positions, int], None]:
@@ -71,6 +95,7 @@ def move_by_cache(folder: Path, first: int = 0) -> Callable[[bpy.types.Object, P
 
 def move_by_shape_keys(moving: bpy.types.Object, positions: Positions, frames: int) -> None:
     """One shape key for each frame after the first; one fades into the next, so that time between frames is linear."""
+    first = bpy.context.scene.frame_start
     moving.shape_key_add(name="frame 0", from_mix=False)
     bpy.context.preferences.edit.keyframe_new_interpolation_type = "LINEAR"
     for frame in range(1, frames):
@@ -78,4 +103,4 @@ def move_by_shape_keys(moving: bpy.types.Object, positions: Positions, frames: i
         key.data.foreach_set("co", np.ascontiguousarray(positions(frame), np.float32).reshape(-1))
         for time in range(frame - 1, min(frame + 2, frames)):
             key.value = float(time == frame)
-            key.keyframe_insert("value", frame=time)
+            key.keyframe_insert("value", frame=first + time)

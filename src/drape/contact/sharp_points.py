@@ -70,7 +70,7 @@ class SharpPoints:
         face = weights.indices[weights.indptr[:-1]].astype(np.int64)
         around = np.unique(weights.indices).astype(np.int64)
         weights = weights[:, around]
-        places = torch.from_numpy(np.stack(weights.nonzero()).astype(np.int64))
+        places = torch.from_numpy(np.stack(weights.tocoo().coords).astype(np.int64))  # with the zeros that are stored
         return cls(
             torch.from_numpy(np.concatenate([np.stack([vertices, vertices], 1), turns.edges[edge]])),
             torch.from_numpy(np.concatenate([np.zeros(len(vertices)), shares])),

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 from jaxtyping import Float, Int
 
+from drape.data.form_hdf5 import Forms, read_forms
 from drape.data.hdf5 import open_hdf5
 from drape.data.schema import Field, check_field, plain
 from drape.errors import DrapeError
@@ -59,6 +60,8 @@ class AnimationHeader:
     """Names and units of the numbers that are stored with each frame, such as ``{"residual": "N"}``."""
     config: str = "{}"
     """What determines the frames, as YAML: an animation goes on only where this is the same."""
+    forms: Forms = (None, None)
+    """How cloth and body stood in their files."""
 
     @classmethod
     def of_scene(cls, scene: Scene, columns: Mapping[str, str], config: str) -> AnimationHeader:
@@ -75,7 +78,14 @@ class AnimationHeader:
             obstacle=scene.obstacle,
             columns=columns,
             config=config,
+            forms=scene.forms,
         )
+
+    @property
+    def first(self) -> int:
+        """Number of the first frame in the file of a body that moves; 0 without."""
+        body = self.forms[1]
+        return 0 if body is None or self.obstacle is None or self.obstacle.is_static else body.first
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The datasets of :data:`FIELDS` and :data:`BODY` that are no frames of the cloth."""
@@ -163,6 +173,7 @@ class AnimationFile:
             obstacle=Obstacle(file["body/faces"][:], file["body/positions"][:]) if "body" in file else None,
             columns={name: plain(file[f"numbers/{name}"].attrs["units"]) for name in names},
             config=attributes["config"],
+            forms=read_forms(file),
         )
 
     def x(self, frame: int) -> Float[np.ndarray, "vertices 3"]:

@@ -24,6 +24,7 @@ import yaml
 import drape
 from drape.data.animation_hdf5 import FORMAT, VERSION, AnimationFile, AnimationHeader, describe
 from drape.data.difference import refuse_difference
+from drape.data.form_hdf5 import write_forms
 from drape.data.whole_file import flush, reserve, whole_file
 from drape.errors import DrapeError
 from drape.scene.state import State
@@ -206,6 +207,7 @@ def _write_header(file: h5py.File, header: AnimationHeader) -> None:
     file.attrs.create("columns", list(header.columns), (len(header.columns),), h5py.string_dtype())
     for name, array in header.arrays().items():
         describe(file.create_dataset(name, data=array))
+    write_forms(file, header.forms)
 
 
 def _identity(header: AnimationHeader) -> dict:

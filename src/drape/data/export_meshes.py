@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from drape.data.animation_hdf5 import AnimationFile
 from drape.data.whole_file import whole_file
+from drape.reading.mesh_record import FileForm, Polygons
 
 
 def export_npz(file: AnimationFile, path: Path) -> Path:
@@ -27,25 +27,52 @@ def export_npz(file: AnimationFile, path: Path) -> Path:
 def export_obj(file: AnimationFile, folder: Path) -> Path:
     """``cloth_0000.obj`` … and ``body_0000.obj`` … (one ``body.obj`` if it stands still); returns ``folder``.
 
-    Vertices in the order of the scene, coordinates as simulated [m], no normals. Files of an earlier export that are
-    not among these are removed.
+    Meshes that came from files are written as they came in: polygons, order of vertices, texture coordinates,
+    materials, unit, axes, number of the first frame. Others in metres, as simulated. No normals. Files of an earlier
+    export that are not among these are removed.
     """
     header, written = file.header, set()
-    obstacle = header.obstacle
+    obstacle, (cloth, body) = header.obstacle, header.forms
+    faces = _faces(cloth, header.faces)
+    other = None if obstacle is None else _faces(body, obstacle.faces)
     for frame in range(file.num_frames):
-        written.add(_write(folder / f"cloth_{frame:04d}.obj", file.x(frame), header.faces))
+        number = f"{header.first + frame:04d}"
+        written.add(_write(folder / f"cloth_{number}.obj", _positions(cloth, file.x(frame)), faces))
         if obstacle is not None and not obstacle.is_static:
-            written.add(_write(folder / f"body_{frame:04d}.obj", obstacle.at(frame), obstacle.faces))
+            written.add(_write(folder / f"body_{number}.obj", _positions(body, obstacle.at(frame)), other))
     if obstacle is not None and obstacle.is_static:
-        written.add(_write(folder / "body.obj", obstacle.at(0), obstacle.faces))
+        written.add(_write(folder / "body.obj", _positions(body, obstacle.at(0)), other))
     for old in [*folder.glob("cloth_*.obj"), *folder.glob("body*.obj")]:
         if old not in written:
             old.unlink()
     return folder
 
 
-def _write(path: Path, positions: np.ndarray, faces: np.ndarray) -> Path:
-    mesh = trimesh.Trimesh(positions, faces, process=False)
+def _positions(form: FileForm | None, x: np.ndarray) -> np.ndarray:
+    return x if form is None else form.in_file(x)
+
+
+def _faces(form: FileForm | None, faces: np.ndarray) -> str:
+    """Texture coordinates, materials and polygons as lines of an OBJ file."""
+    polygons = Polygons.of_faces(faces) if form is None else form.polygons
+    words, lines = (polygons.corners + 1).astype(str).tolist(), []
+    if form is not None and form.uv is not None:
+        uv, which = np.unique(form.uv, axis=0, return_inverse=True)
+        lines += [f"vt {u:.9g} {v:.9g}" for u, v in np.nan_to_num(uv).tolist()]
+        places = np.where(np.isnan(form.uv[:, 0]), "", np.char.add("/", (which.reshape(-1) + 1).astype(str)))
+        words = [word + place for word, place in zip(words, places.tolist(), strict=True)]
+    material = np.full(len(polygons.sizes), -1) if form is None or form.material is None else form.material
+    current = -1
+    for start, size, index in zip(polygons.starts.tolist(), polygons.sizes.tolist(), material.tolist(), strict=True):
+        if index != current and index >= 0:
+            lines.append(f"usemtl {form.materials[index]}")
+            current = index
+        lines.append("f " + " ".join(words[start : start + size]))
+    return "\n".join(lines)
+
+
+def _write(path: Path, positions: np.ndarray, faces: str) -> Path:
+    vertices = "\n".join(f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in positions.tolist())
     with whole_file(path) as temporary:
-        temporary.write_text(mesh.export(file_type="obj", include_normals=False, digits=9), encoding="utf-8")
+        temporary.write_text(f"{vertices}\n{faces}\n", encoding="utf-8")
     return path

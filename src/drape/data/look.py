@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from drape.data.animation_hdf5 import AnimationFile
+from drape.reading.mesh_record import FileForm
 from drape.scene.camera import Camera
 
 COLOURS = {"silk": "#a85f80", "leather": "#7a4a2c", "denim": "#35548c", "cotton": "#c4993a"}
@@ -32,6 +33,10 @@ def upright(gravity: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     return np.stack([right, np.cross(up, right), up])
 
 
+def _spread(x: np.ndarray, form: FileForm | None) -> np.ndarray:
+    return x if form is None else form.spread(x)
+
+
 class Look:
     """The frames of an animation as they are shown: z is up."""
 
@@ -47,13 +52,13 @@ class Look:
     def has_body(self) -> bool:
         return self.file.header.obstacle is not None
 
-    def cloth(self, frame: int) -> Float[np.ndarray, "vertices 3"]:
-        """Positions of the cloth [m]."""
-        return self.file.x(frame) @ self._rotation.T
+    def cloth(self, frame: int, form: FileForm | None = None) -> Float[np.ndarray, "vertices 3"]:
+        """Positions of the cloth [m]; with a ``form`` of the vertices of its file."""
+        return _spread(self.file.x(frame), form) @ self._rotation.T
 
-    def body(self, frame: int) -> Float[np.ndarray, "body_vertices 3"]:
-        """Positions of the body [m]; only where there is one."""
-        return self.file.header.obstacle.at(frame) @ self._rotation.T
+    def body(self, frame: int, form: FileForm | None = None) -> Float[np.ndarray, "body_vertices 3"]:
+        """Positions of the body [m], in the same way; only where there is one."""
+        return _spread(self.file.header.obstacle.at(frame), form) @ self._rotation.T
 
     def camera(self, aspect: float) -> Camera:
         """A camera that sees the cloth and what is near of the body in all frames."""

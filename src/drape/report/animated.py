@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from drape.contact.penetration import distances
 from drape.data.animation_hdf5 import AnimationFile
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.ipc import Barrier
@@ -46,7 +47,9 @@ def animated(path: Path, scene: Scene, made: Sequence[Path], barrier: Barrier | 
     with AnimationFile(path) as file:
         numbers = {name: values[1:] for name, values in file.numbers().items()}
         count, vertices = file.num_frames - 1, scene.mesh.num_vertices
-        lines = [f"{scene.name}: {count} frames of {vertices} vertices, {scene.material.name}"]
+        rate = f"{1 / scene.dt:.4g} per second"
+        lines = [f"{scene.name}: {count} frames of {vertices} vertices, {scene.material.name}, at {rate}", *scene.said]
+        lines += _at_the_start(scene)
         if barrier is None:
             lines += _moved_out(file.x(0), scene.initial.x)
         else:
@@ -65,6 +68,21 @@ def animated(path: Path, scene: Scene, made: Sequence[Path], barrier: Barrier | 
         lines.append(f"inside the body: mean {np.mean(inside):.3f} %, at most {np.max(inside):.2f} % of the vertices")
     lines += _not_converged([list(Outcome)[int(place)] for place in numbers["outcome"]], missed)
     return "\n".join([*lines, *(os.path.relpath(file) for file in made)])
+
+
+def _at_the_start(scene: Scene) -> list[str]:
+    """How far garment and body of files are apart, and which pinned vertices are inside the body."""
+    if scene.obstacle is None or not scene.said:
+        return []
+    apart = distances(scene.initial.x, scene.obstacle, 0)
+    lines = [] if (apart < 0).any() else [f"garment and body are {1e3 * apart.min():.1f} mm apart at their nearest"]
+    pinned = apart[[] if scene.pins is None else scene.pins.vertices]
+    if (pinned < 0).any():
+        lines.append(
+            f"{int((pinned < 0).sum())} pinned vertices start inside the body, by up to {-1e3 * pinned.min():.1f} mm, "
+            "and stay there"
+        )
+    return lines
 
 
 def _moved_out(first: Float[np.ndarray, "vertices 3"], initial: Float[np.ndarray, "vertices 3"]) -> list[str]:

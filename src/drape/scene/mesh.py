@@ -14,9 +14,10 @@ from drape.errors import DrapeError
 class ClothMesh:
     """A triangle mesh in its rest state; build it with :meth:`from_faces`.
 
-    Edges are unique and undirected, stored as (smaller, larger) vertex index and sorted. ``edge_faces`` holds the
+    Edges are undirected, stored as (smaller, larger) vertex index and sorted. ``edge_faces`` holds the
     two faces of an edge, first the one that runs along it forwards; a boundary edge lists its only face twice
-    (``boundary`` tells them apart).
+    (``boundary`` tells them apart). Where more than two faces meet, as at the seam of a pocket, an edge stands there
+    once for each piece of cloth that has it.
     """
 
     rest_positions: Float[np.ndarray, "vertices 3"]
@@ -54,13 +55,13 @@ class ClothMesh:
 
         Raises:
             DrapeError: non-finite or duplicate rest positions, indices out of range, unused vertices, degenerate or
-                duplicate faces, edges with more than two faces, or inconsistent winding. ``name`` opens the sentence.
+                duplicate faces, or inconsistent winding. ``name`` opens the sentence.
         """
         rest_positions = np.ascontiguousarray(rest_positions)
         faces = np.ascontiguousarray(faces, dtype=np.int64)
         _check_vertices(rest_positions, faces, name)
         _check_faces(rest_positions, faces, name)
-        edges, edge_faces, edge_opposite, boundary = _edges(faces, name)
+        edges, edge_faces, edge_opposite, boundary = _edges(rest_positions, faces, name)
         arrays = (rest_positions, faces, edges, edge_faces, edge_opposite, boundary)
         for array in arrays:
             array.setflags(write=False)
@@ -101,22 +102,46 @@ def _check_faces(positions: np.ndarray, faces: np.ndarray, name: str) -> None:
         raise DrapeError(f"{name}: {int((repeats - 1).sum())} faces stand twice; remove the copies")
 
 
-def _edges(faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _edges(positions: np.ndarray, faces: np.ndarray, name: str) -> tuple[np.ndarray, ...]:
+    """Edges, their faces, the vertices opposite to them, and which are on a boundary."""
     directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     face_of = np.tile(np.arange(len(faces)), 3)
     opposite_of = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])
-    if len(np.unique(directed, axis=0)) != len(directed):
-        counted = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
-        many = counted[0][counted[1] > 2]
-        if len(many):
-            raise DrapeError(
-                f"{name}: {len(many)} edges have more than two faces (one is {many[0].tolist()}); split them"
-            )
-        raise DrapeError(f"{name}: neighbouring faces wind in opposite directions; orient all faces consistently")
     undirected = np.sort(directed, axis=1)
     edges, inverse, counts = np.unique(undirected, axis=0, return_inverse=True, return_counts=True)
-    runs_backwards = directed[:, 0] > directed[:, 1]
-    order = np.lexsort((runs_backwards, inverse.reshape(-1)))  # first the face along which the edge runs forwards
+    inverse, backwards = inverse.reshape(-1), directed[:, 0] > directed[:, 1]
+    order = np.lexsort((backwards, inverse))  # first the face along which the edge runs forwards
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
     slots = order[np.stack([first, first + counts - 1], axis=1)]
-    return edges, face_of[slots], opposite_of[slots], counts == 1
+    if (counts == 2).any() and not (backwards[slots[counts == 2]] == [False, True]).all():
+        raise DrapeError(f"{name}: neighbouring faces wind in opposite directions; orient all faces consistently")
+    several = [(k, order[first[k] : first[k] + counts[k]]) for k in np.flatnonzero(counts > 2)]
+    sewn = [pair for _, sides in several for pair in _sewn(positions, directed, opposite_of, backwards, sides)]
+    slots = np.concatenate([slots[counts <= 2], np.array(sewn, np.int64).reshape(-1, 2)])
+    order = np.argsort(inverse[slots[:, 0]], kind="stable")
+    slots = slots[order]
+    return edges[inverse[slots[:, 0]]], face_of[slots], opposite_of[slots], slots[:, 0] == slots[:, 1]
+
+
+def _sewn(
+    positions: np.ndarray, directed: np.ndarray, opposite: np.ndarray, backwards: np.ndarray, sides: np.ndarray
+) -> list[tuple[int, int]]:
+    """Three faces or more at an edge, as where a pocket is sewn on: pieces of cloth that share its vertices.
+
+    Of the faces that run along the edge in opposite directions, those that go on straightest are one piece; who is left
+    has its border there.
+    """
+    start, end = positions[directed[sides[0]]].astype(np.float64)
+    along = (end - start) / np.linalg.norm(end - start)
+    arms = positions[opposite[sides]].astype(np.float64) - start
+    arms -= (arms @ along)[:, None] * along
+    arms /= np.linalg.norm(arms, axis=1, keepdims=True)
+    forth, back = np.flatnonzero(~backwards[sides]), np.flatnonzero(backwards[sides])
+    straight = arms[forth] @ arms[back].T  # -1: flat
+    pairs, left = [], set(range(len(sides)))
+    for place in np.argsort(straight, axis=None, kind="stable"):
+        one, other = forth[place // max(len(back), 1)], back[place % max(len(back), 1)]
+        if {one, other} <= left:
+            pairs.append((int(sides[one]), int(sides[other])))
+            left -= {one, other}
+    return pairs + [(int(sides[alone]), int(sides[alone])) for alone in sorted(left)]

@@ -15,10 +15,12 @@ def pinned_vertices(
     pins: Sequence[int] | Mapping[str, float] | None,
     x: Float[np.ndarray, "vertices 3"],
     gravity: Float[np.ndarray, "3"],
+    become: Int[np.ndarray, " file_vertices"],
 ) -> Int[np.ndarray, " pinned"] | None:
     """Vertex indices, or None where nothing is pinned.
 
-    ``pins``: indices; ``{top: d}`` for all vertices within ``d`` [m] below the highest (up is against gravity, or +z
+    ``pins``: indices as in the file, of which ``become`` says the vertex that each one is now, -1 for those of no face;
+    ``{top: d}`` for all vertices within ``d`` [m] below the highest (up is against gravity, or +z
     without gravity); None or an empty list for none.
 
     Raises:
@@ -36,9 +38,14 @@ def pinned_vertices(
         up = -gravity / np.linalg.norm(gravity) if np.any(gravity) else np.array([0.0, 0.0, 1.0])
         height = x @ up
         return np.flatnonzero(height >= height.max() - depth)
-    vertices = frozen_indices(pins, (None,), "scene.pins")
-    if vertices.max() >= len(x):
+    listed = frozen_indices(pins, (None,), "scene.pins")
+    if listed.max() >= len(become):
         raise DrapeError(
-            f"scene.pins: found vertex {vertices.max()}; expected 0..{len(x) - 1}, as the cloth has {len(x)} vertices"
+            f"scene.pins: found vertex {listed.max()}; expected 0..{len(become) - 1}, as the cloth has {len(become)} "
+            "vertices"
         )
-    return vertices
+    vertices = become[listed]
+    if (vertices < 0).any():
+        raise DrapeError(f"scene.pins: found vertex {listed[vertices < 0][0]}, which belongs to no face; leave it out")
+    _, first = np.unique(vertices, return_index=True)
+    return vertices if len(set(listed.tolist())) < len(listed) else vertices[np.sort(first)]

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from drape.errors import DrapeError
+from drape.reading.mesh_record import FileForm
 from drape.scene.frozen_array import frozen_floats
 from drape.scene.material import Material
 from drape.scene.mesh import ClothMesh
@@ -50,6 +51,10 @@ class Scene:
     """How many times its real size everything is; the distance that cloth keeps from bodies grows with it."""
     reference: Float[np.ndarray, "recorded vertices 3"] | None = None
     """Where another simulator had the cloth in frames 0 to ``frames``, to compare with [m]."""
+    said: tuple[str, ...] = ()
+    """What reading its files saw and changed, a line each."""
+    forms: tuple[FileForm | None, FileForm | None] = (None, None)
+    """How cloth and body stand in their files, to be written like that."""
 
     def __post_init__(self) -> None:
         where, count = f"scene {self.name}", self.mesh.num_vertices

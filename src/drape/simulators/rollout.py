@@ -13,6 +13,8 @@ from drape.contact.penetration import Penetration, push_out
 from drape.contact.untangle import untangle
 from drape.data.animation_writer import AnimationWriter
 from drape.energy.ipc import Barrier
+from drape.errors import DrapeError
+from drape.scene.obstacle import Obstacle
 from drape.scene.scene import Scene
 from drape.scene.state import State
 from drape.simulators.simulator import Outcome, Simulator, StepResult, barrier_of
@@ -22,22 +24,40 @@ COLUMNS = {"iterations": "1", "residual": "N", "steps": "1", "outcome": "1", "se
 surface inside the body."""
 CLEARANCE = 2e-3
 """Distance from the body to which the first frame is moved where it is inside [m]."""
+DEEPEST = 0.1
+"""Share of the body's largest extent by which cloth may be inside it at the start; deeper is a mistake of the files."""
 
 
 def first_frame(scene: Scene, barrier: Barrier | None = None) -> State:
-    """The initial state, with vertices that are inside the body moved out of it and stopped.
+    """The initial state, with vertices that are inside the body moved out of it and stopped; pinned ones stay.
 
     With a ``barrier``, which keeps apart only what is apart, cloth that crosses is then untangled as far as possible,
-    and stopped as well; pinned vertices stay.
+    and stopped as well.
+
+    Raises:
+        DrapeError: vertices so deep in the body that this would be a jump.
     """
     initial, body = scene.initial, scene.obstacle
-    x = initial.x if body is None else push_out(initial.x, body, CLEARANCE)
+    held = np.zeros(len(initial.x), bool)
+    held[[] if scene.pins is None else scene.pins.vertices] = True
+    x = initial.x if body is None else _out_of(body, initial.x, held, scene.name)
     if barrier is not None:
-        held = np.zeros(len(x), bool)
-        held[[] if scene.pins is None else scene.pins.vertices] = True
         x, _ = untangle(barrier.collisions, x, None if body is None else body.at(0), held=held)
     moved = (x != initial.x).any(axis=1, keepdims=True)
     return State(x, np.where(moved, 0.0, initial.v))
+
+
+def _out_of(body: Obstacle, x: np.ndarray, held: np.ndarray, name: str) -> np.ndarray:
+    out = np.where(held[:, None], x, push_out(x, body, CLEARANCE))
+    depth = np.linalg.norm(out - x, axis=1)
+    deepest = DEEPEST * float(np.ptp(body.at(0), axis=0).max())
+    if depth.max() - CLEARANCE > deepest:
+        raise DrapeError(
+            f"scene {name}: found {int((depth > 0).sum())} vertices inside the body at the start, vertex "
+            f"{depth.argmax()} by {depth.max() - CLEARANCE:.3g} m; expected at most {deepest:.3g} m, a tenth of the "
+            "body's size; move the garment out of the body, or give its place on it as scene.start"
+        )
+    return out
 
 
 def roll_out(simulator: Simulator, scene: Scene, writer: AnimationWriter) -> None:

@@ -9,62 +9,74 @@ import numpy as np
 from jaxtyping import Float
 
 from drape.errors import DrapeError
+from drape.reading.mesh_record import ReadMesh
+from drape.reading.triangles import looking_outwards
 from drape.scene.follow import follow
 from drape.scene.frozen_array import frozen_floats
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
-from drape.scene.mesh_file import read_cloth
-from drape.scene.obstacle_file import read_obstacle
+from drape.scene.mesh_file import read_cloth, read_pose
+from drape.scene.obstacle import Obstacle
+from drape.scene.obstacle_file import obstacle_of, read_body
 from drape.scene.pin_rule import pinned_vertices
 from drape.scene.pins import Pins
-from drape.scene.proportions import check_garment_and_body
+from drape.scene.proportions import beside, check_garment_and_body, check_upright, perhaps_lying
 from drape.scene.scene import Scene, frame_time
 from drape.scene.state import State
+
+FPS = 30.0
+USUAL = (20.0, 60.0)
+"""Rates of bodies at which cloth is animated, too; motion capture at 120 per second is resampled to :data:`FPS`."""
 
 
 def custom(
     mesh: str,
     start: str | None,
-    scale: float,
+    scale: float | None,
+    weld: float | None,
     body: str | None,
-    body_scale: float,
+    body_scale: float | None,
     body_fps: float | None,
-    up_axis: str,
+    body_clip: str | None,
+    up_axis: str | None,
+    body_up_axis: str | None,
     pins: Sequence[int] | Mapping[str, float] | None,
     pins_follow_body: bool,
     friction: float | None,
     material: Material,
     mass: Mapping[str, float | None],
     gravity: Sequence[float],
-    fps: float,
+    fps: float | None,
     frames: int,
 ) -> Scene:
     """A garment (rest shape ``mesh``, initial positions ``start`` or the rest shape) and perhaps a body.
 
-    A ``scale`` above 1 enlarges the scene, as files are in metres at most. Units, axes and kinds of file: see
-    :func:`read_cloth` and :func:`read_obstacle`. ``pins``: see
-    :func:`pinned_vertices`; they are held where they start, or move with the body's surface.
+    A ``scale`` above 1 enlarges the scene, as files are in metres at most. Units, axes, seams and kinds of file: see
+    :func:`read_cloth` and :func:`read_body`. ``pins``: see :func:`pinned_vertices`, counted as in the file; they are
+    held where they start, or move with the body's surface. ``fps``: frames per second; None for those of the body, if
+    they are usual, else 30.
 
     Raises:
         DrapeError: whatever is wrong with files, sizes, pins or masses, before anything is simulated.
     """
-    where, dt, gravity = Path(mesh), frame_time(fps), frozen_floats(gravity, (3,), "scene.gravity")
-    cloth = read_cloth(where, scale, up_axis)
-    x = cloth.rest_positions if start is None else _initial(Path(start), cloth.faces, scale, up_axis, where)
-    obstacle = None
+    where, gravity = Path(mesh), frozen_floats(gravity, (3,), "scene.gravity")
+    dt = None if fps is None else frame_time(fps)
+    cloth, read = read_cloth(where, scale, up_axis, weld)
+    x = cloth.rest_positions if start is None else read_pose(start, read)
+    said, worn, obstacle = [read.summary("garment")], None, None
     if body is not None:
-        obstacle = read_obstacle(body, dt, frames, body_fps, body_scale, up_axis)
-        check_garment_and_body(x, obstacle.at(0), str(start or mesh), body)
-    vertices = pinned_vertices(pins, x, gravity)
-    if pins_follow_body and (obstacle is None or vertices is None):
-        missing = "body: set scene.body" if obstacle is None else "pinned vertex: set scene.pins"
-        raise DrapeError(f"scene.pins_follow_body: found true without a {missing}, or leave pins_follow_body false")
-    if vertices is None:
-        held = None
-    elif pins_follow_body:
-        held = Pins(vertices, follow(obstacle, x[vertices]))
-    else:
-        held = Pins.fixed(vertices, x)
+        worn = read_body(body, dt, frames, body_fps, body_scale, body_up_axis, body_clip)
+        unsaid = [axis is None and each.source.up is None for axis, each in ((up_axis, read), (body_up_axis, worn))]
+        if unsaid[1]:
+            check_upright(worn.positions[0], body)
+        check_garment_and_body(x, worn.positions[0], str(start or mesh), body, (unsaid[0], unsaid[1]))
+        worn = looking_outwards(worn, x)
+        said += [worn.summary("body"), *beside(x, worn.positions[0])]
+    elif up_axis is None and read.source.up is None:
+        said += perhaps_lying(x)
+    dt = dt or frame_time(_rate(worn))
+    obstacle = None if worn is None else obstacle_of(worn, dt, frames)
+    vertices = pinned_vertices(pins, x, gravity, read.form.vertex)
     return Scene(
         name=where.stem,
         mesh=cloth,
@@ -74,21 +86,27 @@ def custom(
         gravity=gravity,
         dt=dt,
         frames=frames,
-        pins=held,
+        pins=_held(vertices, x, obstacle, pins_follow_body),
         obstacle=obstacle,
         friction=None if obstacle is None else friction,
-        enlarged=max(1.0, scale),
+        enlarged=max(1.0, scale or 1.0),
+        said=tuple(said),
+        forms=(read.form, None if worn is None else worn.form),
     )
 
 
-def _initial(
-    start: Path, faces: np.ndarray, scale: float, up_axis: str, mesh: Path
-) -> Float[np.ndarray, "vertices 3"]:
-    posed = read_cloth(start, scale, up_axis)
-    if not np.array_equal(posed.faces, faces):
-        raise DrapeError(
-            f"{start}: found {posed.num_vertices} vertices and {posed.num_faces} faces that are not those of {mesh} "
-            f"({len(np.unique(faces))} and {len(faces)}); expected the same mesh in another pose; export both with the "
-            "vertices in the same order"
-        )
-    return posed.rest_positions
+def _rate(body: ReadMesh | None) -> float:
+    """Frames per second where none are asked for."""
+    rate = None if body is None else body.source.fps
+    return rate if rate is not None and USUAL[0] <= rate <= USUAL[1] else FPS
+
+
+def _held(
+    vertices: np.ndarray | None, x: Float[np.ndarray, "vertices 3"], obstacle: Obstacle | None, follows: bool
+) -> Pins | None:
+    if follows and (obstacle is None or vertices is None):
+        missing = "body: set scene.body" if obstacle is None else "pinned vertex: set scene.pins"
+        raise DrapeError(f"scene.pins_follow_body: found true without a {missing}, or leave pins_follow_body false")
+    if vertices is None:
+        return None
+    return Pins(vertices, follow(obstacle, x[vertices])) if follows else Pins.fixed(vertices, x)
