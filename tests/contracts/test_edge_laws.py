@@ -10,6 +10,7 @@ import torch
 
 from drape.energy.edge_law import NetworkLaw
 from drape.energy.load_law import load_law
+from drape.energy.scaled_law import ScaledEdges
 from drape.energy.stretch_only import StretchOnly
 from drape.errors import DrapeError
 from drape.scene.material import Material
@@ -17,8 +18,8 @@ from tests.energies import PAPER, make_energy, write_checkpoint
 
 SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
 ATTRIBUTE_VECTOR = torch.tensor([0.02, 0.01, 0.05, 0.0, 0.0], dtype=torch.float64)
-LAWS = ["settled", "mlp", "stretch", "settled_alone"]
-STATIONARY = ["settled", "stretch", "settled_alone"]
+LAWS = ["settled", "mlp", "stretch", "settled_alone", "light"]
+STATIONARY = ["settled", "stretch", "settled_alone", "light"]
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +32,7 @@ def laws():
         "stretch": NetworkLaw(make_energy("settled", "none", "stretch"), 0.01, 1 / 30),
     }
     made["settled_alone"] = StretchOnly(made["settled"])
+    made["light"] = ScaledEdges(made["settled"], 0.2)
     return {name: copy.deepcopy(law).double().requires_grad_(False) for name, law in made.items()}
 
 

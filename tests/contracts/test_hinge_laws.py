@@ -16,6 +16,7 @@ from drape.energy.damping import Damping
 from drape.energy.eunet import EUNet
 from drape.energy.hinge_law import NetworkHinges, WithoutHinges, fabrics_damper
 from drape.energy.load_law import load_baked, load_law
+from drape.energy.scaled_law import at_density, learned_density
 from drape.errors import DrapeError
 from drape.scene.material import Material
 from tests.energies import make_energy, write_checkpoint
@@ -25,8 +26,8 @@ DENIM = Material("denim", 40.0, 10.0, 25.0, 0.0, 1.0, 1.0)
 VECTOR = torch.tensor([0.02, 0.01, 0.05, 0.0, 0.0], dtype=torch.float64)
 RESOLUTION = Resolution((-1.0, 4.0), 0.25)
 BOUNDS = Bounds(energy=1e-3, force=1e-2)
-LAWS = ["network", "baked", "stretch", "baked_stretch", "network_alone", "baked_alone"]
-ALONE = LAWS[2:]
+LAWS = ["network", "baked", "stretch", "baked_stretch", "network_alone", "baked_alone", "light", "baked_light"]
+ALONE = LAWS[2:6]
 BAKED = {"baked": "network", "baked_stretch": "stretch"}
 """Tables, and the networks that they are of."""
 
@@ -43,6 +44,8 @@ def laws():
     }
     made["network"].damper, made["network"].drag = 2.0, 0.3
     made |= {name: bake(made[of], RESOLUTION, fabric=SILK) for name, of in BAKED.items()}
+    light = 0.2 * learned_density(SILK, 0.01)
+    made |= {"light": at_density(made["network"], SILK, light), "baked_light": at_density(made["baked"], SILK, light)}
     return made | {f"{name}_alone": WithoutHinges(made[name]) for name in ("network", "baked")}
 
 

@@ -18,6 +18,7 @@ from drape.energy.elastic import ElasticEnergy
 from drape.energy.hinge_elastic import Damping, HingeElastic
 from drape.energy.hinge_law import HingeLaw, WithoutHinges
 from drape.energy.load_law import load_baked, load_law
+from drape.energy.scaled_law import at_density
 from drape.energy.spring_hinge import SpringHingeLaw
 from drape.energy.stretch_only import StretchOnly
 from drape.energy.stvk import StVK
@@ -34,28 +35,41 @@ class Fabric(NamedTuple):
     """The scaled vector **a**."""
 
 
-def eunet(checkpoint: str, transfer: bool, material: Material, deformation: Deformation | None = None) -> Fabric:
+def eunet(
+    checkpoint: str,
+    transfer: bool,
+    material: Material,
+    areal_density: float | None = None,
+    deformation: Deformation | None = None,
+) -> Fabric:
     """The learned law of a checkpoint of ``train.py``; see :class:`ElasticEnergy` for ``transfer``.
 
-    ``deformation``: what its edges may feel; None for all that they have learned to.
+    ``areal_density``: of the cloth that it is used for [kg/m²], see :func:`at_density`. ``deformation``: what its edges
+    may feel; None for all that they have learned to.
 
     Raises:
         DrapeError: no such checkpoint, or one that was not trained on this fabric.
     """
     law, attributes = load_law(checkpoint, material)
-    return Fabric(_terms(law, transfer, deformation), attributes)
+    return Fabric(_terms(at_density(law, material, areal_density), transfer, deformation), attributes)
 
 
-def eunet_baked(table: str, transfer: bool, material: Material, deformation: Deformation | None = None) -> Fabric:
+def eunet_baked(
+    table: str,
+    transfer: bool,
+    material: Material,
+    areal_density: float | None = None,
+    deformation: Deformation | None = None,
+) -> Fabric:
     """The learned law as a table of splines, made by ``bake.py``; ``{fabric}`` in its name stands for the fabric's.
 
-    ``deformation`` as in :func:`eunet`.
+    ``areal_density`` and ``deformation`` as in :func:`eunet`.
 
     Raises:
         DrapeError: no such table, or that of another fabric.
     """
     law, attributes = load_baked(table.replace("{fabric}", material.name), material)
-    return Fabric(_terms(law, transfer, deformation), attributes)
+    return Fabric(_terms(at_density(law, material, areal_density), transfer, deformation), attributes)
 
 
 def phys(shear_modulus: float, first_lame: float, thickness: float, bending_stiffness: float) -> Fabric:
@@ -64,11 +78,18 @@ def phys(shear_modulus: float, first_lame: float, thickness: float, bending_stif
     return Fabric(terms, torch.zeros(len(ATTRIBUTES), dtype=torch.float64))
 
 
-def spring_hinge(path: str, windows: int, instruments: Sequence[int], transfer: bool, material: Material) -> Fabric:
+def spring_hinge(
+    path: str,
+    windows: int,
+    instruments: Sequence[int],
+    transfer: bool,
+    material: Material,
+    areal_density: float | None = None,
+) -> Fabric:
     """The spring-hinge law fitted on ``windows`` triplets of frames of the data file at ``path``, all of one fabric.
 
-    ``instruments``: frames from a window to the others that it is fitted with; see :meth:`SpringHingeLaw.fit`, and
-    :class:`HingeElastic` for ``transfer``.
+    ``instruments``: frames from a window to the others that it is fitted with; see :meth:`SpringHingeLaw.fit`,
+    :class:`HingeElastic` for ``transfer``, :func:`at_density` for ``areal_density``.
 
     Raises:
         DrapeError: no such file, or one without this fabric.
@@ -77,7 +98,7 @@ def spring_hinge(path: str, windows: int, instruments: Sequence[int], transfer: 
     fitted = SpringHingeLaw.fit(data.windows_apart(windows, 50, instruments), len(data.file.fabrics))
     face_area = float(MeshBatch.from_meshes([data.file.mesh]).rest_faces.area.mean())
     law = fitted.of_fabric(data.file.fabrics.index(material.name), material, face_area, float(data.file.dt))
-    return of_law(law, transfer)
+    return of_law(at_density(law, material, areal_density), transfer)
 
 
 def of_law(law: HingeLaw, transfer: bool = True) -> Fabric:

@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, fields
 
 from drape.errors import DrapeError
 
 ATTRIBUTES = ("tension_stiffness", "bending_stiffness", "mass_per_vertex", "tension_damping", "bending_damping")
 """The entries of the vector **a** in R⁵ (paper, section 3.2), Blender's values."""
 
+OURS = ("name", "areal_density")
+"""Fields of :class:`Material` that are no settings of Blender's."""
+
 
 @dataclass(frozen=True)
 class Material:
-    """One fabric: Blender's cloth settings, in Blender's numbers (FACTS 1.1).
+    """One fabric: Blender's cloth settings, in Blender's numbers (FACTS 1.1), and what it weighs as people wear it.
 
     ``mass_per_vertex`` [kg] is what the fabric weighed in the training data, for every vertex whatever its area; it is
-    an input of the networks. What a vertex of a scene weighs is said by the scene alone.
+    an input of the networks. ``areal_density`` [kg/m²] is that of the real fabric, no setting of Blender's; scenes of
+    human size take it for their cloth. What a vertex of a scene weighs is said by the scene alone.
 
     Raises:
-        DrapeError: a value that is not finite or negative, a mass that is not positive.
+        DrapeError: a value that is not finite or negative, a mass or density that is not positive.
     """
 
     name: str
@@ -30,12 +34,16 @@ class Material:
     bending_damping: float
     air_damping: float
     mass_per_vertex: float
+    areal_density: float | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         for key, value in self.attributes.items():
             least = "a positive number" if key == "mass_per_vertex" else "a number from 0 on"
             if not math.isfinite(value) or value < 0 or (value == 0 and key == "mass_per_vertex"):
                 raise DrapeError(f"fabric {self.name}: {key}: found {value}; expected {least}, as Blender has it")
+        density = self.areal_density
+        if density is not None and not (math.isfinite(density) and density > 0):
+            raise DrapeError(f"fabric {self.name}: areal_density: found {density}; expected kg/m2, more than 0")
 
     @classmethod
     def from_settings(cls, name: str, settings: Mapping[str, object]) -> Material:
@@ -44,7 +52,7 @@ class Material:
         Raises:
             DrapeError: a setting is missing, or see :class:`Material`.
         """
-        keys = [key for key in cls.__dataclass_fields__ if key != "name"]
+        keys = [each.name for each in fields(cls) if each.name not in OURS]
         missing = [key for key in keys if key not in settings]
         if missing:
             raise DrapeError(f"fabric {name}: missing {', '.join(missing)}; expected Blender's cloth settings")
@@ -53,7 +61,7 @@ class Material:
     @property
     def attributes(self) -> dict[str, float]:
         """Setting -> value; what :func:`attribute_vector` takes."""
-        return {key: value for key, value in asdict(self).items() if key != "name"}
+        return {each.name: getattr(self, each.name) for each in fields(self) if each.name not in OURS}
 
 
 def attribute_vector(material: Mapping[str, object], scales: Mapping[str, float]) -> list[float]:

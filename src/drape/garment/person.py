@@ -1,4 +1,4 @@
-"""A figure of the project that moves in one garment or several: a built-in scene, made from code in seconds."""
+"""A person who moves in one garment or several: a built-in scene, made from code in seconds."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NEEDED = {"skimage": "scikit-image", "gpytoolbox": "gpytoolbox"}
 """What making a figure and garments imports, and how it is installed."""
 
 
-def dressed(
+def person(
     garments: Sequence[str],
     motion: str,
     figure: Mapping[str, float],
@@ -61,7 +61,7 @@ def dressed(
     outfit = make_outfit(shape, garments, motion, **lengths, settle=settle, frames=moving, fps=fps, seed=seed)
     mesh = ClothMesh.from_faces(outfit.rest_positions, outfit.faces, "scene.garments")
     return Scene(
-        name="dressed",
+        name="person",
         mesh=mesh,
         initial=State.at_rest(mesh.rest_positions),
         material=material,
@@ -104,6 +104,6 @@ def _check_installed() -> None:
     missing = [package for module, package in NEEDED.items() if importlib.util.find_spec(module) is None]
     if missing:
         raise DrapeError(
-            f"scene dressed: found no {' and no '.join(missing)}, with which figures and garments are made; install "
+            f"scene person: found no {' and no '.join(missing)}, with which figures and garments are made; install "
             f"with: pip install {' '.join(missing)} (Blender itself is not needed)"
         )
