@@ -16,7 +16,7 @@ from drape.data.smpl.body_model import SmplModel
 from drape.data.split_lists import read_splits
 from drape.data.vto.motion import COMMAND, read_motion
 from drape.errors import DrapeError
-from drape.scene.mesh_file import y_up_to_z_up
+from drape.reading.triangles import to_metres
 
 FEWEST = 3
 """Frames: two to start from, one to predict."""
@@ -80,12 +80,12 @@ class MotionReader:
         shape = motion.shape[frames]
         rest = self.model.posed(np.zeros((1, 72)), shape[0], np.zeros((1, 3)))[0]
         moved = self.model.posed(motion.poses[frames], shape, motion.translation[frames])
-        body = StoredBody(y_up_to_z_up(rest), self.model.faces, shape={"model": "smpl", "betas": shape[0].tolist()})
+        body = StoredBody(to_metres(rest, 1.0, "y"), self.model.faces, shape={"model": "smpl", "betas": shape[0].tolist()})
         sequence = StoredGarmentSequence(
             name=name,
             body=name,
             motion=self.paths[name].stem,
             split=self.splits[name],
-            body_positions=y_up_to_z_up(moved).astype(np.float32),
+            body_positions=to_metres(moved, 1.0, "y").astype(np.float32),
         )
         return GarmentPart(body, None, sequence)
