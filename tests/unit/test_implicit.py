@@ -163,12 +163,12 @@ def test_cloth_comes_to_rest_on_the_ground_and_not_below():
 
 
 def test_where_no_evaluation_is_left_cloth_is_where_the_body_carries_it():
-    """Three starts and no more: ground that rises by 0.1 m and moves aside by as much takes its cloth along."""
+    """Two starts and no more: ground that rises by 0.1 m and moves aside by as much takes its cloth along."""
     before = ground(2.0, -0.02)
     moving = Obstacle(before.faces, np.concatenate([before.positions, before.positions + [0.1, 0.0, 0.1]]))
     scene = scene_of(obstacle=moving, friction=0.5, frames=1)
-    (result,) = run(scene, 1, iterations=3)
-    assert result.iterations == 3
+    (result,) = run(scene, 1, iterations=2)
+    assert result.iterations == 2
     share = 0.9 * (1 - (0.02 / solver_of(scene).potential.contact.reach) ** 2)
     moved = result.state.x - scene.initial.x
     np.testing.assert_allclose(moved, np.tile([0.1 * share, 0.0, 0.1 * share], (64, 1)), atol=1e-6)

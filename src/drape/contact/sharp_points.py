@@ -106,19 +106,21 @@ class SharpPoints:
         body: Float[Tensor, "body_vertices 3"],
         body_next: Float[Tensor, "body_vertices 3"],
         distance: float,
-    ) -> tuple[SurfacePoints, NearestFaces]:
+    ) -> tuple[SurfacePoints, NearestFaces | None]:
         """``surface`` with the points of the cloth that are nearest to some of these, and what they are near to.
 
         Only where both are at most ``distance`` [m] apart at t, and as much as they approach each other on their ways
         to ``x_next`` and ``body_next``; where the point of the cloth is rather above or below than beside; and, if it
         is below, inside the body, not on the other side of it. What it is near to is the plane through the point of
-        the body with the normal there.
+        the body with the normal there. None where nothing is.
         """
-        start, end = self.frames(body, faces), self.frames(body_next, faces)
-        way = end.point - start.point
+        place, way = self.at(body), self.at(body_next) - self.at(body)
         most = distance + way.norm(dim=-1, keepdim=True) + (x_next - x).norm(dim=-1).amax()
-        inside = (start.point >= x.amin(0) - most) & (start.point <= x.amax(0) + most)
-        close = inside.all(-1).nonzero()[:, 0]
+        close = ((place >= x.amin(0) - most) & (place <= x.amax(0) + most)).all(-1).nonzero()[:, 0]
+        nobody = surface.with_faces(close[:0], self.shares.new_empty(0, 3)), None
+        if not len(close):
+            return nobody
+        start, end = self.frames(body, faces), self.frames(body_next, faces)
         none = torch.zeros(max(len(close), len(surface.faces)), dtype=torch.long, device=x.device)
         meshes = none[: len(close)], none[: len(surface.faces)]
         found = NearestFaces.find(start.point[close], meshes[0], surface.faces, meshes[1], x, x)
@@ -131,6 +133,8 @@ class SharpPoints:
         chosen &= along.norm(dim=-1) <= SLANT * height.abs()
         chosen &= (height >= 0) | _inside(place, chosen & (height < 0), faces, body)
         chosen = chosen.nonzero()[:, 0]
+        if not len(chosen):
+            return nobody
         both = surface.with_faces(found.faces[chosen], found.barycentric[chosen])
         close, height = close[chosen], height[chosen]
         of_body = self.face.to(x.device)[close]

@@ -8,6 +8,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -135,13 +136,21 @@ class Contact(EnergyTerm):
     def kernel(self, step: Step) -> Kernel | None:
         if step.x.device.type != "cpu":
             return None
-        touch = self.touch(step)
-        given = touch.compiled, array(touch.stiffness), self.thickness
+        given = self._compiled(step)
         return lambda x: point_kernel.contact(x, *given)
+
+    def _compiled(self, step: Step) -> tuple[point_kernel.Points, np.ndarray, float]:
+        """What the kernels need of a step."""
+        touch = self.touch(step)
+        return touch.compiled, step.once((self, "stiffness"), lambda: array(touch.stiffness)), self.thickness
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """``6 k (thickness - d) n' n'ᵀ`` of each point: exact."""
         touch = self.touch(step)
+        if x_next.device.type == "cpu":
+            found = point_kernel.contact_blocks(array(x_next), *self._compiled(step))
+            pushed, blocks = map(torch.from_numpy, found)
+            return point_stencils(touch.points, blocks.to(x_next.dtype), pushed)
         curvature = 6.0 * touch.stiffness * self._depth(x_next.detach(), touch)
         pushed = curvature.nonzero()[:, 0]
         normal = touch.faces.end.normal[pushed]

@@ -118,11 +118,10 @@ class IncrementalPotential(nn.Module):
 
         Only the upper triangle is there.
         """
-        pieces, total = [], 0
+        pieces, others = [], []
         for term in self.terms:
             better, loose = None if rough else term.hessian(x_next, step), term.loose_hessian(x_next, step)
             if better is None:
                 pieces += term.stencils(x_next, step)
-            for part in (better, loose):
-                total = total if part is None else total + part
-        return total + self._stencils[rough].upper(pieces, len(x_next))
+            others += [part for part in (better, loose) if part is not None]
+        return sum(others, start=self._stencils[rough].upper(pieces, len(x_next)))

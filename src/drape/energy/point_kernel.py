@@ -59,6 +59,23 @@ def contact(x, points, stiffness, thickness):
 
 
 @compiled
+def contact_blocks(x, points, stiffness, thickness):
+    """The points that are pushed, and their Hessians ``6 k (thickness - d) n nᵀ`` [N/m]."""
+    pushed, blocks, count = np.empty(len(stiffness), np.int64), np.empty((len(stiffness), 3, 3)), 0
+    for p in range(len(stiffness)):
+        arm, normal = _arm(x, points, p), points.normal[p]
+        depth = thickness - (arm[0] * normal[0] + arm[1] * normal[1] + arm[2] * normal[2])
+        if depth <= 0.0:
+            continue
+        for row in range(3):
+            for column in range(3):
+                blocks[count, row, column] = 6.0 * stiffness[p] * depth * normal[row] * normal[column]
+        pushed[count] = p
+        count += 1
+    return pushed[:count], blocks[:count]
+
+
+@compiled
 def friction(x, points, force, end):
     """``Σ force f(|u|)`` [J], u the slip of a point, and its gradient in ``x`` [N]; see :class:`Friction`.
 

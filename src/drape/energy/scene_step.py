@@ -115,7 +115,7 @@ class SceneSteps:
             return step.with_near(near)
         ways = x, x_next, self._faces, body, step.obstacle.x_next
         surface, further = self.sharp_points.meeting(self._touching, *ways, self._asked_within)
-        return step.with_near(near.joined(further), surface)
+        return step.with_near(near if further is None else near.joined(further), surface)
 
     def _nearest(self, x: Float[np.ndarray, "vertices 3"], time: float) -> NearestFaces:
         """Of the body at a time in frames; a step begins where the one before has ended, so the last search is kept."""

@@ -51,7 +51,7 @@ class ImplicitSolver:
     they slid off their face or the body is thin or fast, the nearest faces at the end are taken and the step is
     minimised on from there.
 
-    Where it starts from: the present positions, free motion, or, near a body, where the body carries the cloth
+    Where it starts from: the present positions, or free motion, with a body where that carries the cloth
     (:class:`KinematicPrior`), whichever has the lowest potential; so a step never ends above that of standing still.
     Without a body or moving pins, which do work, the energy of the cloth does not grow, at any number of iterations:
     see :func:`without_gain`.
@@ -127,7 +127,8 @@ class ImplicitSolver:
 
     def _advance(self, state: State, start: float, stop: float, cuts: int = 0) -> StepResult:
         step = self.steps.step(state, start, stop)
-        places = [step.x, step.inertial, *(advance(carried, step) for carried in self._carried)]
+        moved = [advance(carried, step) for carried in self._carried] or [step.inertial]
+        places = [step.x, *moved]
         places = [self.steps.pinned(place, state, stop) for place in places]
         if self.barrier is None:
             return self._minimised(state, step, places, stop)

@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from scipy import sparse
 from torch import Tensor
 
 from drape.energy.incremental_potential import Evaluation, IncrementalPotential
@@ -18,6 +19,8 @@ MEMORY = 8
 """Pairs of positions and gradients that correct the metric between two factorisations (L-BFGS)."""
 REFRESH = 4
 """Iterations after which the Hessian is factorised anew, unless they have brought the residual down to ``SLOW``."""
+EARLY = 2
+"""The same for the first factors, which are those of a start: there contacts come and go."""
 SLOW = 0.1
 """Share of the residual that they leave where the factors are good enough."""
 PATIENCE = 45
@@ -56,6 +59,8 @@ class Minimiser:
         self.free = free
         self._slots = np.flatnonzero(np.repeat(free.cpu().numpy(), 3))
         self._factors = Factorisation(single=single)
+        self._places: tuple[np.ndarray, np.ndarray] | None = None
+        self._of_those: sparse.csr_array | None = None
         self.factorisations = 0
         self.standing: Evaluation | None = None
         """The first of the starts of the last call, evaluated."""
@@ -85,7 +90,7 @@ class Minimiser:
         if best is None:
             return starts[0], self.potential.evaluate(starts[0], step), Outcome.NOT_FINITE, used, float("nan")
         pairs: deque[tuple[Tensor, Tensor]] = deque(maxlen=MEMORY)
-        fresh, since, before = False, *((REFRESH, 0.0) if self._is_stale else (0, float("inf")))
+        fresh, since, (lasting, before) = False, 0, (0, 0.0) if self._is_stale else (REFRESH, float("inf"))
         gained_at, gained_from = used, float("inf")
         while True:
             residual = self.residual(best.gradient)
@@ -99,11 +104,11 @@ class Minimiser:
                 return x, best, Outcome.ITERATIONS, used, residual
             if self._rough and used > PATIENCE:
                 self._rough, since, before = False, REFRESH, 0.0
-            if since >= REFRESH:
+            if since >= lasting:
                 if residual > SLOW * before:
                     self._factorise(x, step)
                     pairs.clear()
-                    fresh = True
+                    lasting, fresh = REFRESH if fresh else EARLY, True
                 since, before = 0, residual
             direction = self._direction(best.gradient, pairs)
             found, tried = self._search(x, best, direction, step, iterations - used)
@@ -133,12 +138,21 @@ class Minimiser:
         return float(free.norm(dim=-1).mean()) if len(free) else 0.0
 
     def _factorise(self, x: Tensor, step: Step) -> None:
-        matrix = self.potential.hessian(x, step, rough=self._rough)
-        if len(self._slots) < matrix.shape[0]:
-            matrix = matrix[self._slots][:, self._slots]
+        matrix = self._of_free(self.potential.hessian(x, step, rough=self._rough))
         self._factors.factorise(matrix)
         self._is_stale = False
         self.factorisations += 1
+
+    def _of_free(self, matrix: sparse.csr_array) -> sparse.csr_array:
+        """Rows and columns of what may move; where they stand is found anew only when entries stand elsewhere."""
+        if len(self._slots) == matrix.shape[0]:
+            return matrix
+        places = matrix.indices, matrix.indptr
+        if self._places is None or not all(map(np.array_equal, places, self._places)):
+            numbered = sparse.csr_array((np.arange(matrix.nnz), *places), matrix.shape)
+            self._places, self._of_those = places, numbered[self._slots][:, self._slots]
+        kept = self._of_those
+        return sparse.csr_array((matrix.data[kept.data], kept.indices, kept.indptr), kept.shape)
 
     def _free_share(self, x_from: Tensor, x_to: Tensor, step: Step) -> float:
         """How much of the way a barrier leaves free, short of what it runs into."""

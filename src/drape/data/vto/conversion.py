@@ -80,7 +80,8 @@ class MotionReader:
         shape = motion.shape[frames]
         rest = self.model.posed(np.zeros((1, 72)), shape[0], np.zeros((1, 3)))[0]
         moved = self.model.posed(motion.poses[frames], shape, motion.translation[frames])
-        body = StoredBody(to_metres(rest, 1.0, "y"), self.model.faces, shape={"model": "smpl", "betas": shape[0].tolist()})
+        told = {"model": "smpl", "betas": shape[0].tolist()}
+        body = StoredBody(to_metres(rest, 1.0, "y"), self.model.faces, shape=told)
         sequence = StoredGarmentSequence(
             name=name,
             body=name,
