@@ -292,3 +292,73 @@ def test_a_recorded_sequence_is_a_scene(data):
 def test_recorded_sequences_that_are_not_there_are_refused(data, override, sentence):
     with pytest.raises(DrapeError, match=sentence):
         built("held_out", f"scene.path={data}", "scene.frames=3", override)
+
+
+# Units, axes and places of own files
+
+
+PERSON = trimesh.creation.box((0.5, 0.3, 1.7), trimesh.transformations.translation_matrix([0, 0, 0.85]))
+SHIRT = trimesh.creation.cylinder(0.35, 0.6, sections=12).vertices + [0.0, 0.0, 1.1]
+SIDES = trimesh.creation.cylinder(0.35, 0.6, sections=12).faces
+
+
+def dressed(folder: Path, *overrides: str, shirt: float = 1.0, person: float = 1.0, up: str = "zz", beside: float = 0):
+    """A shirt and a person, each in a unit (metres per unit) and with an up axis of its own."""
+    for name, axis, unit, x, faces in (
+        ("shirt", up[0], shirt, SHIRT + [0.0, beside, 0.0], SIDES),
+        ("person", up[1], person, PERSON.vertices, PERSON.faces),
+    ):
+        x = np.array(x) / unit
+        x = np.stack([x[:, 0], x[:, 2], -x[:, 1]], axis=1) if axis == "y" else x
+        trimesh.Trimesh(x, faces, process=False).export(folder / f"{name}.obj")
+    own = (f"scene.mesh={folder}/shirt.obj", f"scene.body={folder}/person.obj", "scene.mass.areal_density=0.2")
+    return built("custom", *own, *overrides)
+
+
+@pytest.mark.parametrize(
+    ("case", "sentence", "remedy"),
+    [
+        ({"shirt": 0.01, "person": 0.01}, r"0\.7 m in centimetres \(scale 0\.01\)", ["scene.scale=0.01"]),
+        ({"shirt": 0.001, "person": 0.001}, r"0\.7 m in millimetres \(scale 0\.001\)", ["scene.scale=0.001"]),
+        ({"shirt": 0.0254, "person": 0.0254}, r"0\.7 m in inches \(scale 0\.0254\)", ["scene.scale=0.0254"]),
+        ({"person": 0.01}, r"person\.obj: .* 1\.7 m in centimetres .*scene\.body_scale", ["scene.body_scale=0.01"]),
+        ({"shirt": 0.01}, r"shirt\.obj: found a cloth .*0\.7 m in centi", ["scene.scale=0.01", "scene.body_scale=1.0"]),
+        ({"up": "yy"}, r"person\.obj: found a body 1\.7 m long along y .* set scene\.up_axis=y", ["scene.up_axis=y"]),
+        ({"up": "yz"}, r"they fit if y is up in one.*scene\.up_axis=y", ["scene.up_axis=y", "scene.body_up_axis=z"]),
+        ({"up": "zy"}, r"person\.obj: found a body 1\.7 m long along y", ["scene.body_up_axis=y"]),
+    ],
+)  # fmt: skip
+def test_units_and_axes_are_asked_for_and_what_is_named_mends_it(tmp_path, case, sentence, remedy):
+    with pytest.raises(DrapeError, match=sentence):
+        dressed(tmp_path, **case)
+    scene = dressed(tmp_path, *remedy, **case)
+    np.testing.assert_allclose(scene.initial.x.mean(axis=0), SHIRT.mean(axis=0), atol=1e-6)
+    np.testing.assert_allclose(np.ptp(scene.obstacle.at(0), axis=0), [0.5, 0.3, 1.7], atol=1e-6)
+
+
+def test_what_was_read_is_said_in_a_line_each(tmp_path):
+    garment, body = dressed(tmp_path).said
+    assert garment == "garment: shirt.obj, 0.7 x 0.7 x 0.6 m, 26 vertices, 48 faces, 1 part"
+    assert body == "body: person.obj, 0.5 x 0.3 x 1.7 m, 8 vertices, 12 faces, 1 part"
+    assert "the garment is 1.5 m beside the body and falls past it" in dressed(tmp_path, beside=2.0).said[2]
+
+
+def test_frames_are_those_of_the_body_where_its_rate_is_usual(own):
+    ball = np.load(own / "ball.npz")
+    for rate, fps in ((24.0, 24.0), (60.0, 60.0), (120.0, 30.0), (1.0, 30.0)):
+        positions = ball["positions"][np.zeros(int(31 * max(rate / fps, 1)) + 1, int)]
+        positions = positions + 1e-3 * np.arange(len(positions))[:, None, None]
+        np.savez(own / "still.npz", faces=ball["faces"], positions=positions, fps=rate)
+        assert custom(own, f"scene.body={own}/still.npz", "scene.frames=10").dt == pytest.approx(1 / fps)
+    assert custom(own, f"scene.body={own}/still.npz", "scene.frames=10", "scene.fps=50.0").dt == pytest.approx(1 / 50)
+
+
+def test_pins_are_counted_as_in_the_file(tmp_path):
+    """Vertex 0 is loose; in the seam 6 has become 1, and 7 is 6 now."""
+    where = Path(__file__).parents[1] / "fixtures/by_hand"
+    mass = "scene.mass.areal_density=0.2"
+    assert built("custom", f"scene.mesh={where}/loose.obj", mass, "scene.pins=[1, 4]").pins.vertices.tolist() == [0, 3]
+    with pytest.raises(DrapeError, match=r"scene\.pins: found vertex 0, which belongs to no face; leave it out"):
+        built("custom", f"scene.mesh={where}/loose.obj", mass, "scene.pins=[0, 1]")
+    seam = built("custom", f"scene.mesh={where}/seam.obj", mass, "scene.scale=0.01", "scene.pins=[1, 6, 7]")
+    assert seam.pins.vertices.tolist() == [1, 6]

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import re
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -325,6 +329,45 @@ class TestEntryPoint:
 
     def test_other_exit_codes_pass(self, run):
         assert run(lambda config: sys.exit(7)) == 7
+
+    @pytest.mark.parametrize(
+        ("value", "quoted"),
+        [
+            ("a=b.obj", "\"model.name='a=b.obj'\""),
+            ("a[1].obj", "\"model.name='a[1].obj'\""),
+            ("a (1).obj", "\"model.name='a (1).obj'\""),
+            ("é.obj", "\"model.name='é.obj'\""),
+            ("a,b.obj", "\"model.name='a,b.obj'\""),
+            ("~/b.obj", "\"model.name='~/b.obj'\""),
+            ("it's.obj", "'model.name=\"it'\"'\"'s.obj\"'"),
+        ],
+    )
+    def test_a_value_that_must_be_quoted_is_shown_quoted(self, run, capsys, value, quoted):
+        """And what is shown works, once the shell has taken its quotes."""
+        assert run(lambda config: None, f"model.name={value}") == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"error: conf: model.name={value}: cannot be read; a value with")
+        assert f"the quotes of the shell: {quoted}; a list" in error
+        assert "hydra.cc" not in error
+        seen = []
+        assert run(lambda config: seen.append(config.model.name), f"+{shlex.split(quoted)[0]}") == 0
+        assert seen == [value]
+
+    @pytest.mark.parametrize(
+        ("code", "told"),
+        [
+            (errno.EROFS, "cannot use out: Read-only file system; choose a folder that can be written to"),
+            (errno.ENAMETOOLONG, "cannot use out: File name too long; choose a shorter name"),
+            (errno.EACCES, "cannot use out: Permission denied; set its permissions, or choose another path"),
+            (errno.EDQUOT, "cannot write: .*Disk quota exceeded.*; make space on the disk"),
+        ],
+    )
+    def test_places_that_cannot_be_used(self, run, capsys, code, told):
+        def function(config: DictConfig) -> None:
+            raise OSError(code, os.strerror(code), "out")
+
+        assert run(function) == 2
+        assert re.search(told, capsys.readouterr().err)
 
     def test_a_full_disk(self, run, capsys):
         def function(config: DictConfig) -> None:

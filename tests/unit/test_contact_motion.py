@@ -12,9 +12,11 @@ from drape.contact.penetration import Penetration, push_out
 from drape.energy.bending import Bending
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.stvk import StVK
+from drape.errors import DrapeError
 from drape.scene.built_in.sphere import sphere
 from drape.scene.material import Material
 from drape.scene.obstacle import Obstacle
+from drape.scene.pins import Pins
 from drape.simulators.implicit import ImplicitSolver
 from drape.simulators.rollout import first_frame
 
@@ -45,16 +47,34 @@ def test_no_vertex_ends_inside_a_moving_sphere(motion):
 
 def test_the_first_frame_is_moved_out_of_the_body():
     scene = falling()
-    sunk = replace(scene.initial, x=scene.initial.x - [0.0, 0.0, 0.1], v=scene.initial.v + 1.0)
+    sunk = replace(scene.initial, x=scene.initial.x - [0.0, 0.0, 0.04], v=scene.initial.v + 1.0)
     lowered = replace(scene, initial=sunk)
     penetration = Penetration(lowered.mesh, lowered.obstacle)
-    assert penetration.inside(lowered.initial.x, 0) > 0.1
+    assert penetration.inside(lowered.initial.x, 0) > 0.03
     start = first_frame(lowered)
     vertices = slice(lowered.mesh.num_vertices)
     assert (penetration.depth(start.x, 0)[vertices] == 0.0).all()
     moved = (start.x != lowered.initial.x).any(axis=1)
     assert (start.v[moved] == 0).all()
     assert (start.v[~moved] == 1).all()
+
+
+def test_pinned_vertices_inside_the_body_stay_where_they_are_held():
+    scene = falling()
+    x = scene.initial.x - [0.0, 0.0, 0.04]
+    held = np.argsort(np.linalg.norm(x[:, :2], axis=1))[:3]
+    pinned = replace(scene, initial=replace(scene.initial, x=x), pins=Pins.fixed(held, x))
+    start = first_frame(pinned)
+    assert (start.x[held] == x[held]).all()
+    assert (start.x != x).any(axis=1).sum() > 3, "the others moved out"
+
+
+def test_cloth_deep_in_the_body_is_refused_and_not_moved_far():
+    """0.05 m below the top of a ball of 0.4 m, of flat faces."""
+    scene = falling()
+    sunk = replace(scene.initial, x=scene.initial.x - [0.0, 0.0, 0.06])
+    with pytest.raises(DrapeError, match=r"found 9 vertices inside the body .* vertex 84 by 0\.0492 m; expected at"):
+        first_frame(replace(scene, initial=sunk))
 
 
 def test_pushed_out_to_the_clearance_and_no_further():

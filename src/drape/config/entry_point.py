@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import os
+import re
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -23,10 +26,23 @@ CONF = Path(__file__).parents[3] / "conf"
 """The folder of the contents pages and their groups."""
 REFUSED = 2
 """Exit status when the user can put it right."""
-FULL_DISK = ("No space left on device", "PytorchStreamWriter failed writing")
+FULL_DISK = ("No space left on device", "Disk quota exceeded", "PytorchStreamWriter failed writing")
 """What the system, HDF5 and PyTorch say of it."""
-NOT_A_PLACE = (PermissionError, NotADirectoryError, FileExistsError, IsADirectoryError)
-"""What the system says of a path where nothing can be written."""
+NOT_A_PLACE = {
+    errno.EACCES: "set its permissions, or choose another path",
+    errno.EPERM: "set its permissions, or choose another path",
+    errno.EROFS: "choose a folder that can be written to: folder=...",
+    errno.ENOTDIR: "a file is in the way: choose another path",
+    errno.EEXIST: "a file is in the way: choose another path",
+    errno.EISDIR: "a folder is in the way: choose another path",
+    errno.ENAMETOOLONG: "choose a shorter name",
+    errno.ELOOP: "links there lead in a circle: choose another path",
+}
+"""What the system says of a path that cannot be used, and what helps."""
+UNQUOTED = (
+    "LexerNoViableAltException", "mismatched input", "no viable alternative", "extraneous input", "Ambiguous value",
+)  # fmt: skip
+"""What Hydra says of ``path=a=b.obj``, ``path=a[1].obj``, ``path=é.obj`` and ``path=a,b.obj``."""
 NO_OPTION = "Config group override must be"
 """What Hydra says of ``scene=null`` and ``scene=3``."""
 INTERRUPTED = 130
@@ -85,15 +101,30 @@ def refusal(error: BaseException) -> str | None:
     for cause in causes(error):
         if isinstance(cause, DrapeError):
             return str(cause)
+        if isinstance(cause, HydraException) and any(words in str(cause) for words in UNQUOTED):
+            return _unquoted(cause)
         if isinstance(cause, HydraException) and not isinstance(cause, InstantiationException):
             return _composition(cause)
         if NO_OPTION in str(cause):
             return f"conf: {cause}: expected the name of an option, as in scene=sphere; --help lists them"
         if any(words in str(cause) for words in FULL_DISK):
             return f"cannot write: {cause}; make space on the disk and run the same command again"
-        if isinstance(cause, NOT_A_PLACE):
-            return f"cannot use {cause.filename}: {cause.strerror}; set its permissions, or choose another path"
+        if isinstance(cause, OSError) and cause.errno in NOT_A_PLACE:
+            return f"cannot use {cause.filename or cause}: {cause.strerror}; {NOT_A_PLACE[cause.errno]}"
     return None
+
+
+def _unquoted(error: HydraException) -> str:
+    """How to write a value that Hydra takes for more than one word."""
+    given = getattr(error, "override", None) or re.findall(r"'(.*=.*)'\n", str(error) + "\n")[0]
+    key, _, value = given.partition("=")
+    quote = '"' if "'" in value else "'"
+    quoted = f"{key}={quote}{value}{quote}"
+    shell = shlex.quote(quoted) if set('"$`\\!') & set(quoted) else f'"{quoted}"'
+    return (
+        f"conf: {given}: cannot be read; a value with = , : [ ] ( ) {{ }} # ~ quotes or accents is written in quotes "
+        f"inside the quotes of the shell: {shell}; a list as '{key}=[a,b]'"
+    )
 
 
 def _composition(error: HydraException) -> str:

@@ -54,7 +54,7 @@ def read_file(
     Raises:
         DrapeError: no such file, a kind that cannot be read with the way out, a file that is broken.
     """
-    path = Path(path)
+    path = Path(path).expanduser()
     if path.is_dir():
         return _folder(path)
     if not path.exists():

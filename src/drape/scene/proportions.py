@@ -68,7 +68,8 @@ def check_upright(positions: Float[np.ndarray, "vertices 3"], where: str) -> Non
     if PEOPLE[0] <= tall <= PEOPLE[1] and 0.05 * tall < deep < 0.5 * tall and stands:
         raise DrapeError(
             f"{where}: found a body {tall:.3g} m long along y and {deep:.3g} m high along z, lying like a person whose "
-            "up axis is y; expected +z up; set scene.up_axis=y, or scene.up_axis=z if it does lie"
+            "up axis is y; expected +z up; set scene.up_axis=y (scene.body_up_axis=y for the body alone), or z if it "
+            "does lie"
         )
 
 
