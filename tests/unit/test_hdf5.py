@@ -77,6 +77,7 @@ def test_windows_of_several_sequences_are_read_at_once(path: Path) -> None:
     file = TrajectoryFile(path)
     numbers, starts = np.array([0, 2, 2, 3]), np.array([1, 0, 2, 2])
     expected = np.stack([sequences()[n].positions[s : s + 3] for n, s in zip(numbers, starts, strict=True)], 1)
+    expected = expected.reshape(3, -1, 3)
     np.testing.assert_array_equal(file.windows(numbers, starts, 3), expected)
     assert len(pickle.dumps(file)) < 10_000  # the map does not travel
     file.close()

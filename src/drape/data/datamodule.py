@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import lightning
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
-from drape.data.hdf5 import TrajectoryFile
 from drape.data.loader import WindowLoader, share_of
+from drape.data.piece import Piece
 from drape.data.statistics import training_statistics
+from drape.data.trajectories import open_trajectories
 from drape.data.windows import Window
 from drape.errors import DrapeError
 from drape.scene.material import attribute_vector
@@ -51,7 +52,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         validation_sequences: int = 16,
     ):
         super().__init__()
-        self.file = TrajectoryFile(Path(path))
+        self.file = open_trajectories(Path(path))
         self.fabrics = tuple(fabrics)
         self.batch_size = batch_size
         self.eval_batch_size = eval_batch_size
@@ -59,20 +60,19 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         unknown = [name for name in self.fabrics if name not in self.file.fabrics]
         if unknown:
             raise DrapeError(f"{path}: no fabric {', '.join(unknown)}; it has {', '.join(self.file.fabrics)}")
-        if self.file.num_frames < 3:
-            raise DrapeError(f"{path}: {self.file.num_frames} frames a sequence; a window needs 3")
-        self.windows_per_sequence = self.file.num_frames - 2
+        frames = np.array([self.file.frames_of(sequence) for sequence in range(self.file.num_sequences)])
+        if frames.min() < 3:
+            raise DrapeError(f"{path}: {frames.min()} frames in a sequence; a window needs 3")
+        self._windows_of = frames - 2
         self.train_sequences = self._sequences("train")[:train_sequences]
         self.test_sequences = self._sequences("test")
         self.validation_sequences = self.test_sequences[:validation_sequences]
         materials = self.file.materials
         vectors = [attribute_vector(materials[name], attribute_scales) for name in self.file.fabrics]
         self._attributes = torch.tensor(vectors, dtype=torch.float64)
-        self._masses = torch.tensor([materials[name]["mass_per_vertex"] for name in self.file.fabrics]).double()
         self._fabric_of_sequence = self.file.fabric
-        self._is_free = np.ones(self.file.mesh.num_vertices, dtype=bool)
-        self._is_free[self.file.pinned] = False
-        self._mesh_batch = lru_cache(maxsize=4)(lambda count: MeshBatch.from_meshes([self.file.mesh] * count))
+        self._mass_and_free = cache(mass_and_free)
+        self._mesh_batch = lru_cache(maxsize=16)(lambda *meshes: MeshBatch.from_meshes(meshes))
 
     def _sequences(self, split: str) -> np.ndarray:
         wanted = [self.file.fabrics.index(name) for name in self.fabrics]
@@ -95,18 +95,20 @@ class TrajectoryDataModule(lightning.LightningDataModule):
 
     def windows(self, sequences: np.ndarray, indices: np.ndarray) -> Window:
         """The windows of the given numbers, counted through ``sequences``, as one batch."""
-        which, starts = np.divmod(indices, self.windows_per_sequence)
-        numbers = sequences[which]
-        x_prev, x, x_next = torch.from_numpy(self.file.windows(numbers, starts, 3)).double().flatten(1, 2)
+        ends = np.cumsum(self._windows_of[sequences])
+        which = np.searchsorted(ends, indices, side="right")
+        numbers, starts = sequences[which], indices - np.concatenate([[0], ends])[which]
+        x_prev, x, x_next = torch.from_numpy(self.file.windows(numbers, starts, 3)).double()
         fabric = torch.from_numpy(self._fabric_of_sequence[numbers])
-        vertices = self.file.mesh.num_vertices
+        pieces = [self.file.piece(int(number)) for number in numbers]
+        mass, free = zip(*(self._mass_and_free(piece) for piece in pieces), strict=True)
         return Window(
-            mesh=self._mesh_batch(len(indices)),
+            mesh=self._mesh_batch(*(piece.mesh for piece in pieces)),
             x_prev=x_prev,
             x=x,
             x_next=x_next,
-            mass=self._masses[fabric].repeat_interleave(vertices),
-            free=torch.from_numpy(np.tile(self._is_free, len(indices))),
+            mass=torch.cat(mass),
+            free=torch.cat(free),
             attributes=self._attributes[fabric],
             fabric=fabric,
             gravity=torch.from_numpy(self.file.gravity),
@@ -115,14 +117,14 @@ class TrajectoryDataModule(lightning.LightningDataModule):
 
     def spaced_windows(self, count: int, batch_size: int) -> Iterator[Window]:
         """At most ``count`` windows of the training split, evenly spaced, in batches of about ``batch_size``."""
-        total = len(self.train_sequences) * self.windows_per_sequence
+        total = int(self._windows_of[self.train_sequences].sum())
         chosen = np.unique(np.linspace(0, total - 1, min(count, total)).astype(np.int64))
         for indices in np.array_split(chosen, -(-len(chosen) // batch_size)):
             yield self.windows(self.train_sequences, indices)
 
     def loader(self, sequences: np.ndarray, batch_size: int, **order: int) -> WindowLoader:
         """All windows of ``sequences`` in batches; ``order`` as in :class:`WindowLoader`."""
-        count = len(sequences) * self.windows_per_sequence
+        count = int(self._windows_of[sequences].sum())
         return WindowLoader(lambda indices: self.windows(sequences, indices), count, batch_size, **order)
 
     def train_dataloader(self) -> WindowLoader:
@@ -133,3 +135,10 @@ class TrajectoryDataModule(lightning.LightningDataModule):
 
     def test_dataloader(self) -> WindowLoader:
         return self.loader(self.test_sequences, self.eval_batch_size, **share_of(self.trainer))
+
+
+def mass_and_free(piece: Piece) -> tuple[Float[Tensor, " vertices"], Bool[Tensor, " vertices"]]:
+    """Mass of each vertex [kg], and whether it is not pinned."""
+    free = torch.ones(piece.mesh.num_vertices, dtype=torch.bool)
+    free[torch.from_numpy(piece.pinned)] = False
+    return torch.from_numpy(piece.mass).double(), free

@@ -40,7 +40,7 @@ def read_obstacle(
             motion.
     """
     path = Path(path)
-    clip = _read(path, dt, frames)
+    clip = read_clip(path, dt, frames)
     if clip.faces.size == 0 or clip.positions.size == 0:
         raise DrapeError(f"{path}: found no triangle; expected the mesh of a body")
     bad = np.argwhere(~np.isfinite(clip.positions).all(axis=-1))
@@ -61,7 +61,12 @@ def read_obstacle(
     return Obstacle(clip.faces, metres)
 
 
-def _read(path: Path, dt: float, frames: int) -> MotionClip:
+def read_clip(path: Path, dt: float, frames: int) -> MotionClip:
+    """A moving mesh from whatever kind of file; see :func:`read_obstacle`. Not checked but for one topology.
+
+    Raises:
+        DrapeError: no such path, another kind of file, nothing that can be read, a topology that changes.
+    """
     kind = path.suffix.lower()
     if path.is_dir():
         return _read_folder(path)
