@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import NamedTuple
 
 import newton
 import numpy as np
@@ -23,11 +24,12 @@ FPS, SUBSTEPS, ITERATIONS = 60, 10, 30
 DENSITY = 0.2
 """[kg/m²]"""
 FABRIC = {"tri_ke": 100.0, "tri_ka": 100.0, "tri_kd": 0.05, "edge_ke": 5.0e-4, "edge_kd": 1.0e-6}
-"""Lamé's two constants [N/m] and their damping; bending stiffness over length [J/m] and its damping. Ten times as stiff,
-these sweeps do not converge (forces are several times what the motion needs), and waves in the plane of the sheet are
-faster than frames: no law shows in such a recording. With 10 sweeps a third of the force is left, with 30 a tenth."""
+"""Lamé's two constants [N/m] and their damping; bending stiffness over length [J/m] and its damping. Ten times as
+stiff, these sweeps do not converge (forces are several times what the motion needs), and waves in the plane of the
+sheet are faster than frames: no law shows in such a recording. With 10 sweeps a third of the force is left, with 30
+a tenth."""
 GRAVITY = 9.81
-FRAMES = 48
+FRAMES = 40
 
 
 def grid(size: float, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -82,55 +84,75 @@ def start(rest: np.ndarray, pinned: np.ndarray, random: np.random.Generator) -> 
     return x, v
 
 
-def simulate(rest: np.ndarray, faces: np.ndarray, pinned: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Positions in each frame, and the masses of the vertices."""
+class Sheet(NamedTuple):
+    """A sheet at the start of its sequence."""
+
+    rest: np.ndarray
+    faces: np.ndarray
+    pinned: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+
+
+def sheet(number: int, kind: str) -> Sheet:
+    """The sheet of one sequence: six of eight hang by two corners, one by a single corner, one falls."""
+    random = np.random.default_rng([number, 7])
+    pieces = [grid(0.5, 16)] if kind == "grid" else [patch(0.5, 16, 1), patch(0.6, 18, 2)]
+    rest, faces, corners = pieces[number % len(pieces)]
+    pinned = {3: corners[:1], 6: corners[:0]}.get(number % 8, corners)
+    return Sheet(rest, faces, pinned, *start(rest, pinned, random))
+
+
+def simulate(sheets: list[Sheet]) -> tuple[np.ndarray, np.ndarray]:
+    """Positions in each frame and masses of the vertices of all sheets, which do not feel each other."""
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, -GRAVITY))
-    builder.add_cloth_mesh(
-        pos=wp.vec3(), rot=wp.quat_identity(), scale=1.0, vel=wp.vec3(), density=DENSITY, particle_radius=0.005,
-        vertices=[wp.vec3(*point) for point in rest], indices=faces.reshape(-1).tolist(), **FABRIC,
-    )  # fmt: skip
+    for each in sheets:
+        builder.add_cloth_mesh(
+            pos=wp.vec3(), rot=wp.quat_identity(), scale=1.0, vel=wp.vec3(), density=DENSITY, particle_radius=0.005,
+            vertices=[wp.vec3(*point) for point in each.rest], indices=each.faces.reshape(-1).tolist(), **FABRIC,
+        )  # fmt: skip
     mass = np.array(builder.particle_mass)
-    for vertex in pinned:
+    first = np.cumsum([0] + [len(each.rest) for each in sheets[:-1]])
+    for vertex in np.concatenate([each.pinned + offset for each, offset in zip(sheets, first, strict=True)]).tolist():
         builder.particle_mass[vertex] = 0.0
         builder.particle_flags[vertex] = builder.particle_flags[vertex] & ~newton.ParticleFlags.ACTIVE
     builder.color(include_bending=True)
     model = builder.finalize(device="cpu")
     solver = newton.solvers.SolverVBD(model, iterations=ITERATIONS, particle_enable_self_contact=False)
     now, then, control = model.state(), model.state(), model.control()
-    now.particle_q.assign(x.astype(np.float32))
-    now.particle_qd.assign(v.astype(np.float32))
+    now.particle_q.assign(np.concatenate([each.x for each in sheets]).astype(np.float32))
+    now.particle_qd.assign(np.concatenate([each.v for each in sheets]).astype(np.float32))
     frames = [now.particle_q.numpy().copy()]
-    for _ in range(FRAMES - 1):
+    for frame in range(1, FRAMES):
         for _ in range(SUBSTEPS):
             now.clear_forces()
             solver.step(now, then, control, None, 1.0 / FPS / SUBSTEPS)
             now, then = then, now
         frames.append(now.particle_q.numpy().copy())
+        print(f"frame {frame} of {FRAMES - 1}", end="\r", flush=True)
     return np.stack(frames), mass
 
 
 def main() -> None:
-    """Record what the command line asks for; sequences that are there already stay."""
+    """Record what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--sequences", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0, help="number to begin with, where several processes share the work")
+    parser.add_argument("--first", type=int, default=0, help="where several processes share the work")
     parser.add_argument("--sheet", choices=("grid", "patches"), default="grid")
     arguments = parser.parse_args()
     wp.config.quiet = True
-    sheets = [grid(0.5, 16)] if arguments.sheet == "grid" else [patch(0.5, 16, 1), patch(0.6, 18, 2)]
+    numbers = range(arguments.first, arguments.first + arguments.sequences)
+    sheets = [sheet(number, arguments.sheet) for number in numbers]
+    positions, mass = simulate(sheets)
+    ends = np.cumsum([len(each.rest) for each in sheets])[:-1]
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    for number in range(arguments.first, arguments.sequences):
+    parts = np.split(positions, ends, axis=1), np.split(mass, ends)
+    for number, each, x, weights in zip(numbers, sheets, *parts, strict=True):
         path = arguments.folder / f"sequence_{number:02d}.npz"
-        if path.exists():
-            continue
-        random = np.random.default_rng([number, 7])
-        rest, faces, corners = sheets[number % len(sheets)]
-        pinned = corners if number % 4 < 3 else corners[:1] if number % 8 == 3 else corners[:0]
-        x, v = start(rest, pinned, random)
-        positions, mass = simulate(rest, faces, pinned, x, v)
-        np.savez_compressed(path, faces=faces, positions=positions, rest_positions=rest, mass=mass, fps=float(FPS))
-        print(path, f"{len(rest)} vertices, {len(pinned)} pins", flush=True)
+        arrays = {"faces": each.faces, "positions": x, "rest_positions": each.rest, "mass": weights}
+        np.savez_compressed(path, **arrays, fps=float(FPS))
+        print(path, f"{len(each.rest)} vertices, {len(each.pinned)} pins", flush=True)
 
 
 if __name__ == "__main__":

@@ -13,14 +13,17 @@ from drape import config as conf
 from drape.data.trajectories import Trajectories, open_trajectories
 from drape.report.law_card import write_law_card
 
+FINE = ("table.step=0.125", "bounds.energy=2e-2", "bounds.force=0.1")
+"""Hinges of a limp fabric may store next to nothing somewhere, which tables can follow only so far."""
+
 
 @conf.main("learn")
 def main(config: DictConfig) -> None:
     folder, path = Path(config.folder), str(config.data.path)
     told = ["data=recorded", *(override for override in conf.typed() if override.lstrip("+~").startswith("data."))]
+    scale = [f"scale={conf.chosen('scale')}", *(each for each in conf.typed() if each.startswith("scale."))]
     step("generate", *told)
-    trained = [f"scale={conf.chosen('scale')}", f"seed={config.seed}", f"hydra.run.dir={folder}"]
-    step("train", "model=eunet_hinge", *told, *trained)
+    step("train", "model=eunet_hinge", *told, *scale, f"seed={config.seed}", f"hydra.run.dir={folder}")
     file = open_trajectories(path)
     for fabric in file.fabrics:
         tabulate(file, fabric, folder)
@@ -32,7 +35,7 @@ def tabulate(file: Trajectories, fabric: str, folder: Path) -> None:
     table, checkpoint = folder / f"{fabric}.npz", folder / "checkpoints" / "last.ckpt"
     own = [f"fabric.name={fabric}", f"fabric.source={file.path}"]
     if not table.exists() or table.stat().st_mtime < checkpoint.stat().st_mtime:
-        step("bake", f"checkpoint={checkpoint}", "fabric=own", *own, f"path={table}")
+        step("bake", f"checkpoint={checkpoint}", "fabric=own", *own, f"path={table}", *FINE)
     held = [int(number) for number in file.split("test") if file.fabrics[file.fabric[number]] == fabric]
     measured = folder / f"held_out_{fabric}"
     if not (measured / "held_out.csv").exists() or (measured / "held_out.csv").stat().st_mtime < table.stat().st_mtime:

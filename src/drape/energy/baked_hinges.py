@@ -23,6 +23,8 @@ FORMAT = "drape baked law"
 VERSION = 2
 NUMBERS = ("stretch_scale", "angle_scale", "face_area", "damper", "drag")
 """What stands in the file as the arguments of :class:`BakedHinges` of the same names."""
+SOFTEST = 0.1
+"""Share of what the mean stiffness of a table would store, below which differences do not count as relative ones."""
 ROUNDING = 1e-9
 """Relative difference of stored samples up to which the certificate of a table that is read holds."""
 
@@ -40,7 +42,8 @@ class Certificate:
     """Largest relative differences between a baked law and its network, wherever the table covers.
 
     ``energy``: of φp; ``force``: of its slopes in Δl and Δθ, each relative to the size of a slope that a spring and a
-    hinge alone have there, ``2 φp / |Δl|`` and ``2 φp / |Δθ|``, so that small deformations count as large ones do.
+    hinge alone have there, ``2 φp / |Δl|`` and ``2 φp / |Δθ|``, so that small deformations count as large ones do. φp
+    counts as ``SOFTEST`` of :meth:`BakedHinges.usual` at least: hinges of a limp fabric may store nothing somewhere.
     """
 
     fabric: str
@@ -56,7 +59,7 @@ class Certificate:
     force: float
 
     @classmethod
-    def of(cls, baked: HingeLaw, q: Float[Tensor, "samples 2"], true: HingeSlopes, **facts: object) -> Certificate:
+    def of(cls, baked: BakedHinges, q: Float[Tensor, "samples 2"], true: HingeSlopes, **facts: object) -> Certificate:
         """Of a table, compared with what its network says at ``q``."""
         return cls(**facts, **differences(baked, q, true.energy, true.gradient))
 
@@ -85,14 +88,14 @@ class Certificate:
 
 
 def differences(
-    baked: HingeLaw,
+    baked: BakedHinges,
     q: Float[Tensor, "samples 2"],
     energy: Float[Tensor, " samples"],
     slopes: Float[Tensor, "samples 2"],
 ) -> dict[str, float]:
     """``energy`` and ``force`` of a :class:`Certificate`."""
     found = baked.slopes(q)
-    size = energy.abs().clamp(min=torch.finfo(energy.dtype).tiny)
+    size = torch.maximum(energy.abs(), SOFTEST * baked.usual(q)).clamp(min=torch.finfo(energy.dtype).tiny)
     force = (found.gradient - slopes).abs() * q.abs() / (2.0 * size[:, None])
     return {"energy": float(((found.energy - energy).abs() / size).max()), "force": float(force.max())}
 
@@ -128,6 +131,11 @@ class BakedHinges(HingeLaw):
         z, y = q[:, 0] / self.stretch_scale, q[:, 1] / self.angle_scale
         k, b = self.plane(torch.asinh(z), torch.log1p(y.square()))
         return 0.5 * (k * z.square() + b * y.square())
+
+    def usual(self, q: Float[Tensor, "edges 2"]) -> Float[Tensor, " edges"]:
+        """``½ K z² + ½ B y²`` with the means of K and B over the table [J]."""
+        k, b = self.plane.values.mean((1, 2)).tolist()
+        return 0.5 * (k * (q[:, 0] / self.stretch_scale).square() + b * (q[:, 1] / self.angle_scale).square())
 
 
 def save_baked(law: BakedHinges, path: Path) -> None:
