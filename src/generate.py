@@ -16,10 +16,13 @@ def main(config: DictConfig) -> None:
     source = settings["data"].get("source", "cloth")
     if source in ("cloth", "garments"):
         _simulate(source, settings)
+    elif source == "recorded":
+        _read(settings["data"])
     elif source in ("cloth3d", "vto"):
         _convert(source, settings["data"])
     else:
-        raise DrapeError(f"data.source: found {source!r}; expected garments, cloth3d, vto, or nothing for a cloth")
+        known = "garments, recorded, cloth3d, vto, or nothing for a cloth"
+        raise DrapeError(f"data.source: found {source!r}; expected {known}")
 
 
 def _simulate(source: str, settings: dict) -> None:
@@ -43,6 +46,27 @@ def _simulate(source: str, settings: dict) -> None:
     print(f"contact sheet: {sheet}")
     if settings["clips"].pop("render") and source == "garments":
         print("clips:", *render_garment_clips(file, **settings["clips"]), sep="\n  ")
+
+
+def _read(data: dict) -> None:
+    from drape.data.recorded.conversion import convert_recorded
+    from drape.report.contact_sheet import draw_contact_sheet
+    from drape.report.dataset_card import dataset_card
+    from drape.report.shown_motion import shown_motion
+
+    file, made = convert_recorded(data)
+    try:
+        motion = shown_motion(file)
+    except DrapeError:  # the settings are wrong, and so is what was made with them
+        file.path.unlink()
+        raise
+    print(dataset_card(file))
+    print(motion)
+    sheet = file.path.with_suffix(".png")
+    if made or not sheet.exists():
+        draw_contact_sheet(file, sheet)
+    print(f"contact sheet: {sheet}")
+    print("read now" if made else "was already there with this configuration: nothing to read")
 
 
 def _convert(source: str, data: dict) -> None:

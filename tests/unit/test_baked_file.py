@@ -80,7 +80,9 @@ def sealed(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def changed(value: object) -> object:
-    """Another value of the same kind, as near as it gets."""
+    """Another value of the same kind, as near as it gets; a number for none."""
+    if value is None:
+        return 0.1
     if isinstance(value, str):
         return value[:-1] + chr(ord(value[-1]) ^ 1) if value else "x"
     return value + 1 if isinstance(value, int) else value + 1e-300 if value == 0.0 else value * (1.0 + 1e-15)

@@ -30,7 +30,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_every_second_frame_is_seen_and_time_is_that_between_them(path: Path) -> None:
     data = module(path, stride=2)
-    assert data.windows_per_sequence == 4
+    assert data._windows_of.tolist() == [4] * 4
     window = data.windows(data.train_sequences, np.array([1]))
     frames = torch.from_numpy(data.file.positions(int(data.train_sequences[0]))).double()
     for x, frame in ((window.x_prev, 1), (window.x, 3), (window.x_next, 5)):
@@ -57,7 +57,7 @@ def test_the_test_split_is_as_recorded(path: Path) -> None:
 
 
 def test_more_frames_between_than_there_are_is_a_sentence(path: Path) -> None:
-    with pytest.raises(DrapeError, match="8 frames a sequence; a window needs 9"):
+    with pytest.raises(DrapeError, match="8 frames in a sequence; a window needs 9"):
         module(path, stride=4)
 
 

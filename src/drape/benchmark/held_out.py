@@ -23,6 +23,9 @@ from drape.scene.scene import Scene
 from drape.scene.square_resampling import SquareResampling, resampled
 from drape.simulators.simulator import Outcome, Simulator
 
+RECORDED = "recorded"
+"""As a resolution: the recorded mesh."""
+
 
 class Variant(NamedTuple):
     """One way to animate a sequence."""
@@ -33,8 +36,8 @@ class Variant(NamedTuple):
     """At most, per time step."""
     steps: int
     """Time steps in each frame."""
-    resolution: int
-    """Vertices along a side of the square."""
+    resolution: int | str
+    """Vertices along a side of the square; ``recorded`` for the recorded mesh, whatever it is."""
 
 
 class Animated(NamedTuple):
@@ -86,12 +89,12 @@ class HeldOut:
         composed.check(variant.energy for variant in self.variants)
         fabrics, rows = list(config.fabrics), []
         total = len(fabrics) * self.sequences * len(self.variants)
-        self._warm_up(composed, fabrics[0])
+        self._warm_up(composed, fabrics[0], config.fabrics[fabrics[0]].name)
         with tqdm(total=total, desc="animating", unit=" sequences", file=sys.stderr) as bar:
             for fabric in fabrics:
                 found: dict[Variant, list[Animated]] = {variant: [] for variant in self.variants}
                 for number in range(self.sequences):
-                    scene = held_out(self.path, fabric, number, self.frames)
+                    scene = held_out(self.path, config.fabrics[fabric].name, number, self.frames)
                     for variant in self.variants:
                         found[variant].append(self._animate(composed, scene, fabric, variant))
                         bar.update()
@@ -101,14 +104,14 @@ class HeldOut:
         )
         return Measured(self.name, title, rows, circumstances.text(), partial(draw_trade, rows))
 
-    def _warm_up(self, composed: Composed, fabric: str) -> None:
+    def _warm_up(self, composed: Composed, fabric: str, name: str) -> None:
         """Let what is compiled when it is first used be compiled before anything is timed."""
-        scene = held_out(self.path, fabric, 0, 1)
+        scene = held_out(self.path, name, 0, 1)
         for variant in {(v.energy, v.precision): v for v in self.variants}.values():
             self._animate(composed, scene, fabric, variant)
 
     def _animate(self, composed: Composed, recorded: Scene, fabric: str, variant: Variant) -> Animated:
-        scene = resampled(recorded, variant.resolution)
+        scene = recorded if variant.resolution == RECORDED else resampled(recorded, variant.resolution)
         settings = {name: getattr(variant, name) for name in ("precision", "iterations", "steps")}
         simulator = composed.simulator(scene, variant.energy, fabric, **settings)
         return animate(simulator, scene, recorded.reference)

@@ -74,6 +74,12 @@ def _estimates(path: str) -> dict[str, dict[str, float]]:
         ) from None
 
 
+def _fabric_names(fabric: str | Mapping[str, str]) -> DictConfig:
+    """``${fabric_names:${data.fabric}}``: the fabrics of recordings, as the node ``material`` has them."""
+    return OmegaConf.create({name: {} for name in ([fabric] if isinstance(fabric, str) else fabric)})
+
+
+OmegaConf.register_new_resolver("fabric_names", _fabric_names, replace=True)
 OmegaConf.register_new_resolver("estimates", _estimates, replace=True)
 OmegaConf.register_new_resolver("times", lambda a, b: float(a) * float(b), replace=True)
 OmegaConf.register_new_resolver("shipped", _shipped, replace=True)

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import lightning
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from drape.data.hdf5 import TrajectoryFile
 from drape.data.loader import WindowLoader, share_of
 from drape.data.observation import AS_RECORDED, Observation
+from drape.data.piece import Piece
 from drape.data.statistics import training_statistics
+from drape.data.trajectories import open_trajectories
 from drape.data.windows import Window
 from drape.errors import DrapeError
 from drape.scene.material import attribute_vector
@@ -54,7 +55,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         observation: Observation = AS_RECORDED,
     ):
         super().__init__()
-        self.file = TrajectoryFile(Path(path))
+        self.file = open_trajectories(Path(path))
         self.fabrics = tuple(fabrics)
         self.batch_size = batch_size
         self.eval_batch_size = eval_batch_size
@@ -62,23 +63,23 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         unknown = [name for name in self.fabrics if name not in self.file.fabrics]
         if unknown:
             raise DrapeError(f"{path}: no fabric {', '.join(unknown)}; it has {', '.join(self.file.fabrics)}")
+        frames = np.array([self.file.frames_of(sequence) for sequence in range(self.file.num_sequences)])
         self.observation = observation
-        self.windows_per_sequence = self.file.num_frames - 2 * observation.stride
-        if self.windows_per_sequence < 1:
-            needed = 2 * observation.stride + 1
-            raise DrapeError(f"{path}: {self.file.num_frames} frames a sequence; a window needs {needed}")
+        self._windows_of = frames - 2 * observation.stride
+        if self._windows_of.min() < 1:
+            raise DrapeError(
+                f"{path}: {frames.min()} frames in a sequence; a window needs {2 * observation.stride + 1}"
+            )
         self.train_sequences = self._sequences("train")[:train_sequences]
         self.test_sequences = self._sequences("test")
         self.validation_sequences = self.test_sequences[:validation_sequences]
         materials = self.file.materials
         vectors = [attribute_vector(materials[name], attribute_scales) for name in self.file.fabrics]
         self._attributes = torch.tensor(vectors, dtype=torch.float64)
-        self._masses = torch.tensor([materials[name]["mass_per_vertex"] for name in self.file.fabrics]).double()
         self._fabric_of_sequence = self.file.fabric
-        self._is_free = np.ones(self.file.mesh.num_vertices, dtype=bool)
-        self._is_free[self.file.pinned] = False
-        self._is_training = np.isin(np.arange(len(self.file.fabric)), self._sequences("train"))
-        self._mesh_batch = lru_cache(maxsize=4)(lambda count: MeshBatch.from_meshes([self.file.mesh] * count))
+        self._is_training = np.isin(np.arange(self.file.num_sequences), self._sequences("train"))
+        self._mass_and_free = cache(mass_and_free)
+        self._mesh_batch = lru_cache(maxsize=16)(lambda *meshes: MeshBatch.from_meshes(meshes))
 
     def _sequences(self, split: str) -> np.ndarray:
         wanted = [self.file.fabrics.index(name) for name in self.fabrics]
@@ -101,18 +102,20 @@ class TrajectoryDataModule(lightning.LightningDataModule):
 
     def windows(self, sequences: np.ndarray, indices: np.ndarray) -> Window:
         """The windows of the given numbers, counted through ``sequences``, as one batch."""
-        which, starts = np.divmod(indices, self.windows_per_sequence)
-        numbers = sequences[which]
-        x_prev, x, x_next = torch.from_numpy(self._observed(numbers, starts)).flatten(1, 2)
+        ends = np.cumsum(self._windows_of[sequences])
+        which = np.searchsorted(ends, indices, side="right")
+        numbers, starts = sequences[which], indices - np.concatenate([[0], ends])[which]
+        x_prev, x, x_next = torch.from_numpy(self._observed(numbers, starts))
         fabric = torch.from_numpy(self._fabric_of_sequence[numbers])
-        vertices = self.file.mesh.num_vertices
+        pieces = [self.file.piece(int(number)) for number in numbers]
+        mass, free = zip(*(self._mass_and_free(piece) for piece in pieces), strict=True)
         return Window(
-            mesh=self._mesh_batch(len(indices)),
+            mesh=self._mesh_batch(*(piece.mesh for piece in pieces)),
             x_prev=x_prev,
             x=x,
             x_next=x_next,
-            mass=self._masses[fabric].repeat_interleave(vertices),
-            free=torch.from_numpy(np.tile(self._is_free, len(indices))),
+            mass=torch.cat(mass),
+            free=torch.cat(free),
             attributes=self._attributes[fabric],
             fabric=fabric,
             gravity=torch.from_numpy(self.file.gravity),
@@ -121,12 +124,20 @@ class TrajectoryDataModule(lightning.LightningDataModule):
 
     def _observed(
         self, sequences: Int[np.ndarray, " windows"], starts: Int[np.ndarray, " windows"]
-    ) -> Float[np.ndarray, "3 windows vertices 3"]:
+    ) -> Float[np.ndarray, "3 vertices 3"]:
         """Positions [m] at t-1, t and t+1; those of the training split as the observation has them."""
         frames = starts + self.observation.stride * np.arange(3)[:, None]
-        x, training = self.file.windows(sequences, frames).astype(np.float64), self._is_training[sequences]
-        x[:, training] = self.observation.disturbed(x[:, training], sequences[training], frames[:, training])
-        return x
+        x = self.file.windows(sequences, frames).astype(np.float64)
+        if self.observation.noise == 0:
+            return x
+        counts = [self.file.piece(int(number)).mesh.num_vertices for number in sequences]
+        return x + np.stack([
+            np.concatenate([
+                self._is_training[number] * self.observation.disturbance(int(number), int(frame), count)
+                for number, frame, count in zip(sequences, row, counts, strict=True)
+            ])
+            for row in frames
+        ])  # fmt: skip
 
     def spaced_windows(self, count: int, batch_size: int) -> Iterator[Window]:
         """At most ``count`` windows of the training split, evenly spaced, in batches of about ``batch_size``."""
@@ -140,26 +151,25 @@ class TrajectoryDataModule(lightning.LightningDataModule):
             DrapeError: sequences too short for that.
         """
         shifts = [0, *(by * sign for by in apart for sign in (-1, 1))]
-        starts = np.arange(max(shifts), self.windows_per_sequence - max(shifts))
-        if len(starts) == 0:
-            needed = self.file.num_frames - self.windows_per_sequence + 2 * max(shifts) + 1
+        room = self._windows_of[self.train_sequences]
+        if room.max() <= 2 * max(shifts):
             raise DrapeError(
-                f"{self.file.path}: found {self.file.num_frames} frames a sequence; windows with others {max(shifts)} "
-                f"frames before and after need {needed}"
+                f"{self.file.path}: found {room.max() + 2 * self.observation.stride} frames a sequence; windows with "
+                f"others {max(shifts)} frames before and after need {2 * (max(shifts) + self.observation.stride) + 1}"
             )
-        every = self.windows_per_sequence * np.arange(len(self.train_sequences))[:, None] + starts
-        for indices in _spaced(every.ravel(), count, batch_size):
+        first = np.cumsum(room) - room
+        every = [begin + np.arange(max(shifts), own - max(shifts)) for begin, own in zip(first, room, strict=True)]
+        for indices in _spaced(np.concatenate(every), count, batch_size):
             yield tuple(self.windows(self.train_sequences, indices + shift) for shift in shifts)
 
     def test_windows(self, count: int, batch_size: int) -> Iterator[Window]:
         """At most ``count`` windows of the test split, evenly spaced, in batches of about ``batch_size``."""
-        every = np.arange(len(self.test_sequences) * self.windows_per_sequence)
-        for indices in _spaced(every, count, batch_size):
+        for indices in _spaced(np.arange(self._windows_of[self.test_sequences].sum()), count, batch_size):
             yield self.windows(self.test_sequences, indices)
 
     def loader(self, sequences: np.ndarray, batch_size: int, **order: int) -> WindowLoader:
         """All windows of ``sequences`` in batches; ``order`` as in :class:`WindowLoader`."""
-        count = len(sequences) * self.windows_per_sequence
+        count = int(self._windows_of[sequences].sum())
         return WindowLoader(lambda indices: self.windows(sequences, indices), count, batch_size, **order)
 
     def train_dataloader(self) -> WindowLoader:
@@ -170,6 +180,13 @@ class TrajectoryDataModule(lightning.LightningDataModule):
 
     def test_dataloader(self) -> WindowLoader:
         return self.loader(self.test_sequences, self.eval_batch_size, **share_of(self.trainer))
+
+
+def mass_and_free(piece: Piece) -> tuple[Float[Tensor, " vertices"], Bool[Tensor, " vertices"]]:
+    """Mass of each vertex [kg], and whether it is not pinned."""
+    free = torch.ones(piece.mesh.num_vertices, dtype=torch.bool)
+    free[torch.from_numpy(piece.pinned)] = False
+    return torch.from_numpy(piece.mass).double(), free
 
 
 def _spaced(indices: np.ndarray, count: int, batch_size: int) -> list[np.ndarray]:

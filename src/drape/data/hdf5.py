@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from drape.data import schema
+from drape.data.piece import Piece
 from drape.errors import DrapeError
 from drape.scene.mesh import ClothMesh
 
@@ -121,9 +122,22 @@ class TrajectoryFile:
 
     def windows(
         self, sequences: Int[np.ndarray, " windows"], frames: Int[np.ndarray, "length windows"]
-    ) -> Float[np.ndarray, "length windows vertices 3"]:
-        """Positions [m] of the ``frames`` of each window, each window from a sequence of its own."""
-        return self._positions[sequences, frames]
+    ) -> Float[np.ndarray, "length vertices 3"]:
+        """Positions [m] of the ``frames`` of each window, the vertices of all windows one after the other."""
+        return self._positions[sequences, frames].reshape(len(frames), -1, 3)
+
+    def frames_of(self, sequence: int) -> int:
+        """Number of frames of a sequence: the same for all."""
+        return self.num_frames
+
+    def piece(self, sequence: int) -> Piece:
+        """The piece of cloth of a sequence: one for each fabric, whose vertices all weigh the same."""
+        return self._pieces[self.fabric[sequence]]
+
+    @cached_property
+    def _pieces(self) -> list[Piece]:
+        masses = [float(self.materials[name]["mass_per_vertex"]) for name in self.fabrics]
+        return [Piece(self.mesh, self.pinned, np.full(self.mesh.num_vertices, mass)) for mass in masses]
 
     @cached_property
     def _positions(self) -> Float[np.ndarray, "sequences frames vertices 3"]:

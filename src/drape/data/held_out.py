@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from drape.data.hdf5 import TrajectoryFile
+from drape.data.trajectories import Trajectories, open_trajectories
 from drape.errors import DrapeError
-from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
@@ -25,31 +24,32 @@ def held_out(path: str, fabric: str, sequence: int, frames: int) -> Scene:
     Raises:
         DrapeError: no such file, fabric or sequence, or fewer recorded frames than asked for.
     """
-    file = TrajectoryFile(path)
+    file = open_trajectories(path)
     index = _index(file, fabric, sequence)
-    if not 1 <= frames <= file.num_frames - START - 1:
+    piece, recorded_frames = file.piece(index), file.frames_of(index)
+    if not 1 <= frames <= recorded_frames - START - 1:
         raise DrapeError(
-            f"{path}: scene.frames: found {frames}; expected 1..{file.num_frames - START - 1}, as the file has "
-            f"{file.num_frames} frames a sequence and the scene begins at frame {START}"
+            f"{path}: scene.frames: found {frames}; expected 1..{recorded_frames - START - 1}, as this sequence has "
+            f"{recorded_frames} frames and the scene begins at frame {START}"
         )
     recorded = file.positions(index, 0, START + frames + 1).astype(np.float64)
     first, second = recorded[: START + 1]
     material = Material.from_settings(fabric, file.materials[fabric])
     return Scene(
         name=f"held_out_{fabric}_{sequence}",
-        mesh=file.mesh,
+        mesh=piece.mesh,
         initial=State(second, (second - first) / file.dt),
         material=material,
-        mass=vertex_masses(file.mesh, {"per_vertex": material.mass_per_vertex}),
+        mass=piece.mass,
         gravity=file.gravity,
         dt=file.dt,
         frames=frames,
-        pins=Pins.fixed(file.pinned, second),
+        pins=Pins.fixed(piece.pinned, second) if len(piece.pinned) else None,
         reference=recorded[START:],
     )
 
 
-def _index(file: TrajectoryFile, fabric: str, sequence: int) -> int:
+def _index(file: Trajectories, fabric: str, sequence: int) -> int:
     if fabric not in file.fabrics:
         raise DrapeError(f"{file.path}: found no fabric {fabric!r}; expected one of {', '.join(file.fabrics)}")
     test = file.split("test")

@@ -22,11 +22,14 @@ def edge_strain(
 
 
 def external_energy_per_mass(
-    positions: Float[np.ndarray, "frames vertices 3"], dt: float, gravity: Float[np.ndarray, " 3"]
+    positions: Float[np.ndarray, "frames vertices 3"],
+    dt: float,
+    gravity: Float[np.ndarray, " 3"],
+    mass: Float[np.ndarray, " vertices"] | None = None,
 ) -> Float[np.ndarray, " frames-1"]:
-    """Kinetic and gravitational energy ``mean over vertices of ½|v|² - g·x`` [J/kg], from the second frame on.
+    """Kinetic and gravitational energy ``mean over the mass of ½|v|² - g·x`` [J/kg], from the second frame on.
 
-    All vertices have the same mass (Blender's cloth); v by backward differences.
+    Without ``mass`` all vertices have the same (Blender's cloth); v by backward differences.
     """
     kinetic = 0.5 * speeds(positions, dt) ** 2
-    return (kinetic - positions[1:].astype(np.float64) @ gravity).mean(axis=1)
+    return np.average(kinetic - positions[1:].astype(np.float64) @ gravity, axis=1, weights=mass)

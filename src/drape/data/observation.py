@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from drape.errors import DrapeError
 
@@ -36,21 +36,9 @@ class Observation:
         if self.stride < 1:
             raise DrapeError(f"observation.stride: found {self.stride}; expected a whole number from 1 on")
 
-    def disturbed(
-        self,
-        x: Float[np.ndarray, "length windows vertices 3"],
-        sequences: Int[np.ndarray, " windows"],
-        frames: Int[np.ndarray, "length windows"],
-    ) -> Float[np.ndarray, "length windows vertices 3"]:
-        """Positions [m] with the noise of the ``frames`` of the ``sequences``."""
-        if self.noise == 0:
-            return x
-        numbers = np.broadcast_to(sequences, frames.shape)
-        drawn = [
-            np.random.default_rng((self.seed, *place)).standard_normal(x.shape[2:])
-            for place in zip(numbers.flat, frames.flat, strict=True)
-        ]
-        return x + self.noise * np.reshape(drawn, x.shape)
+    def disturbance(self, sequence: int, frame: int, vertices: int) -> Float[np.ndarray, "vertices 3"]:
+        """The noise of a frame of a sequence [m]."""
+        return self.noise * np.random.default_rng((self.seed, sequence, frame)).standard_normal((vertices, 3))
 
 
 AS_RECORDED = Observation()

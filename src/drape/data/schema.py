@@ -12,6 +12,8 @@ from drape.errors import DrapeError
 
 FORMAT = "drape trajectories"
 VERSION = 1
+PERHAPS_NONE = ("pinned",)
+"""Dimensions of a dataset that may be empty."""
 SPLITS = ("train", "test")
 """``split[i]`` is an index into this tuple."""
 
@@ -95,6 +97,15 @@ def _check_attributes(file: h5py.File, path: Path) -> None:
     for name, meaning in ATTRIBUTES.items():
         if name not in file.attrs:
             raise DrapeError(f"{path}: attribute {name}: missing; expected {meaning}; generate the file again")
+    check_gravity_and_rate(file, path)
+
+
+def check_gravity_and_rate(file: h5py.File, path: Path) -> None:
+    """Check the attributes gravity, dt and fps.
+
+    Raises:
+        DrapeError: gravity that is not three numbers, or dt that is not 1 / fps.
+    """
     gravity, dt, fps = (np.asarray(file.attrs[name]) for name in ("gravity", "dt", "fps"))
     if gravity.shape != (3,) or not np.isfinite(gravity).all():
         raise DrapeError(f"{path}: attribute gravity: found {plain(gravity)}; expected three numbers [m/s2]")
@@ -126,7 +137,7 @@ def check_dataset(dataset: object, path: Path, field: Field, lengths: dict[str, 
         length == (dim if isinstance(dim, int) else lengths.setdefault(dim, length))
         for dim, length in zip(field.dims, shape, strict=True)
     )
-    if not fits or dataset.dtype != np.dtype(field.dtype) or 0 in shape:
+    if not fits or dataset.dtype != np.dtype(field.dtype) or (0 in shape and field.dims != PERHAPS_NONE):
         raise DrapeError(
             f"{path}: {field.name}: found {dataset.dtype} of shape {shape}; {expected}; generate the file again"
         )

@@ -24,7 +24,7 @@ def training_statistics(data: TrajectoryDataModule) -> dict[str, float]:
     ``edge_energy_density``, the same over ``area`` [J/m²]; ``typical_work``, the mean internal force on a vertex times
     ``stretch_typical`` [J].
     """
-    sums = dict.fromkeys(("stretch", "speed", "balance", "force", "median", "hinge", "area"), 0.0)
+    sums = dict.fromkeys(("stretch", "speed", "balance", "force", "median", "hinge", "area", "edges"), 0.0)
     seen = 0
     for window in data.spaced_windows(WINDOWS, BATCH):
         seen += window.mesh.num_meshes
@@ -38,11 +38,12 @@ def training_statistics(data: TrajectoryDataModule) -> dict[str, float]:
             "median": stretch.abs().median(),
             "hinge": geometry.hinge_change[~window.mesh.boundary].abs().median(),
             "area": geometry.area.mean(),
+            "edges": window.mesh.num_edges / window.mesh.num_meshes,
         }
         for name, value in means.items():
             sums[name] += float(value) * window.mesh.num_meshes
     sums = {name: value / seen for name, value in sums.items()}
-    edge_energy = math.sqrt(sums["balance"] / data.file.mesh.num_edges)
+    edge_energy = math.sqrt(sums["balance"] / sums["edges"])
     return {
         "stretch": math.sqrt(sums["stretch"]),
         "stretch_typical": sums["median"],

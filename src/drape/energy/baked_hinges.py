@@ -14,6 +14,9 @@ from drape.energy.spline_plane import SplinePlane
 from drape.errors import DrapeError
 from drape.scene.material import Material
 
+SOFTEST = 0.1
+"""Share of what the mean stiffness of a table would store, below which differences do not count as relative ones."""
+
 
 @dataclass(frozen=True)
 class Bounds:
@@ -28,7 +31,8 @@ class Certificate:
     """Largest relative differences between a baked law and its network, wherever the table covers.
 
     ``energy``: of φp; ``force``: of its slopes in Δl and Δθ, each relative to the size of a slope that a spring and a
-    hinge alone have there, ``2 φp / |Δl|`` and ``2 φp / |Δθ|``, so that small deformations count as large ones do;
+    hinge alone have there, ``2 φp / |Δl|`` and ``2 φp / |Δθ|``, so that small deformations count as large ones do. φp
+    counts as ``SOFTEST`` of :meth:`BakedHinges.usual` at least: hinges of a limp fabric may store nothing somewhere.
     ``constants``: of :attr:`HingeLaw.constants`.
     """
 
@@ -46,7 +50,7 @@ class Certificate:
     constants: float
 
     @classmethod
-    def of(cls, baked: HingeLaw, true: Samples, **facts: object) -> Certificate:
+    def of(cls, baked: BakedHinges, true: Samples, **facts: object) -> Certificate:
         """Of a table, compared with what its network says."""
         return cls(**facts, **true.differences(baked))
 
@@ -93,7 +97,7 @@ class Samples(NamedTuple):
         """One of ``stride`` of them."""
         return Samples(self.q[::stride], self.energy[::stride], self.slopes[::stride], self.constants)
 
-    def differences(self, baked: HingeLaw) -> dict[str, float]:
+    def differences(self, baked: BakedHinges) -> dict[str, float]:
         """``energy``, ``force`` and ``constants`` of a :class:`Certificate`."""
         found, tiny = baked.slopes(self.q), torch.finfo(self.energy.dtype).tiny
         size = self.energy.abs().clamp(min=tiny)
@@ -134,3 +138,6 @@ class BakedHinges(HingeLaw):
         z, y = q[:, 0] / self.stretch_scale, q[:, 1] / self.angle_scale
         k, b = self.plane(torch.asinh(z), torch.log1p(y.square()))
         return 0.5 * (k * z.square() + b * y.square())
+SOFTEST = 0.1
+"""Share of what the mean stiffness of a table would store, below which differences do not count as relative ones."""
+

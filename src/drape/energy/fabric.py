@@ -96,7 +96,8 @@ def spring_hinge(
     """
     data = TrajectoryDataModule(path, [material.name], 1, 50, dict.fromkeys(ATTRIBUTES, 1.0), seed=None)
     fitted = SpringHingeLaw.fit(data.windows_apart(windows, 50, instruments), len(data.file.fabrics))
-    face_area = float(MeshBatch.from_meshes([data.file.mesh]).rest_faces.area.mean())
+    meshes = {data.file.piece(int(sequence)).mesh for sequence in data.train_sequences}
+    face_area = float(MeshBatch.from_meshes(list(meshes)).rest_faces.area.mean())
     law = fitted.of_fabric(data.file.fabrics.index(material.name), material, face_area, float(data.file.dt))
     return of_law(at_density(law, material, areal_density), transfer)
 

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.collections import PolyCollection
 
-from drape.data.hdf5 import TrajectoryFile
+from drape.data.piece import Piece
+from drape.data.trajectories import Trajectories
 
 FRAMES = 6
 PER_FABRIC = 2
@@ -24,13 +25,14 @@ AZIMUTH, ELEVATION = np.radians(35.0), np.radians(18.0)
 """Direction of view: turned about the vertical from the y axis, and from above."""
 
 
-def draw_contact_sheet(file: TrajectoryFile, path: Path) -> Path:
+def draw_contact_sheet(file: Trajectories, path: Path) -> Path:
     """Draw the first sequences of each fabric, one a row, at evenly spaced times; returns ``path``.
 
     Orthographic, the same scale and place within a row; dots are pins, the back of the cloth is darker.
     """
     rows = [s for index in range(len(file.fabrics)) for s in np.flatnonzero(file.fabric == index)[:PER_FABRIC]]
-    frames = np.unique(np.linspace(0, file.num_frames - 1, FRAMES).round().astype(int))
+    longest = max(file.frames_of(int(sequence)) for sequence in rows)
+    frames = np.unique(np.linspace(0, longest - 1, FRAMES).round().astype(int))
     figure, axes = plt.subplots(
         len(rows), len(frames), figsize=(1.6 * len(frames) + 0.3, 1.6 * len(rows) + 0.3), squeeze=False
     )
@@ -41,7 +43,8 @@ def draw_contact_sheet(file: TrajectoryFile, path: Path) -> Path:
         half = 0.53 * np.ptp(screen, axis=(0, 1))[:2].max() * np.array([-1.0, 1.0])
         fabric = int(file.fabric[sequence])
         for axis, frame in zip(line, frames, strict=True):
-            _draw(axis, screen[frame], file, COLOURS[fabric % len(COLOURS)])
+            if frame < len(screen):
+                _draw(axis, screen[frame], file.piece(int(sequence)), COLOURS[fabric % len(COLOURS)])
             axis.set(xlim=centre[0] + half, ylim=centre[1] + half, aspect="equal", xticks=[], yticks=[])
             axis.spines[:].set_color("#dddddd")
         line[0].set_ylabel(f"{file.fabrics[fabric]} (no. {sequence})", fontsize=8)
@@ -62,9 +65,9 @@ def _view() -> Float[np.ndarray, "3 3"]:
     return np.stack([right, np.cross(viewer, right), viewer], axis=1)
 
 
-def _draw(axis: plt.Axes, screen: np.ndarray, file: TrajectoryFile, colour: str) -> None:
+def _draw(axis: plt.Axes, screen: np.ndarray, piece: Piece, colour: str) -> None:
     """Triangles from back to front, shaded by the angle to the light."""
-    triangles = screen[file.mesh.faces]
+    triangles = screen[piece.mesh.faces]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12
     shade = (0.2 + 0.8 * np.abs(normals @ LIGHT)) * np.where(normals[:, 2] > 0, 1.0, 0.72)
@@ -72,4 +75,4 @@ def _draw(axis: plt.Axes, screen: np.ndarray, file: TrajectoryFile, colour: str)
     order = np.argsort(triangles[:, :, 2].mean(axis=1))
     colours = np.clip(shade[:, None] * base, 0.0, 1.0)[order]
     axis.add_collection(PolyCollection(triangles[order, :, :2], facecolors=colours, edgecolors=colours, linewidths=0.3))
-    axis.scatter(*screen[file.pinned, :2].T, s=6, color="black", zorder=3)
+    axis.scatter(*screen[piece.pinned, :2].T, s=6, color="black", zorder=3)

@@ -6,42 +6,68 @@ import numpy as np
 
 from drape.data.hdf5 import TrajectoryFile
 from drape.data.motion import edge_strain, external_energy_per_mass, speeds
+from drape.data.recording_hdf5 import RecordingFile
+from drape.data.trajectories import Trajectories
+from drape.scene.mass import vertex_areas
+from drape.scene.proportions import size
 
 COLUMNS = ("fabric", "train", "test", "rejected", "speed m/s", "edge strain %", "energy change J/frame")
 
 
-def dataset_card(file: TrajectoryFile) -> str:
+def dataset_card(file: Trajectories) -> str:
     """Per fabric: sequences in both splits, rejected starts, and what the cloth does.
 
     Ranges are percentiles 1 | 50 | 99 and then the extremes in brackets, over all sequences, frames and vertices or
     edges. The energy is kinetic plus gravitational energy of the whole cloth; its change between two frames is what the
     internal energy and the dissipation have to account for.
     """
+    about = _made(file) if isinstance(file, TrajectoryFile) else _recorded(file)
+    lines = [*about, "percentiles 1 | 50 | 99  [least, greatest] over all sequences and frames:"]
+    return "\n".join(lines + aligned([COLUMNS, *(_row(file, index) for index in range(len(file.fabrics)))]))
+
+
+def _made(file: TrajectoryFile) -> list[str]:
     mesh = file.mesh
-    lines = [
+    return [
         f"{file.path}: {file.num_sequences} sequences of {file.num_frames} frames, dt {file.dt:.5f} s, "
         f"{mesh.num_vertices} vertices, {mesh.num_faces} faces, {mesh.num_edges} edges, {len(file.pinned)} pinned",
         f"cloth {np.ptp(mesh.rest_positions[:, 0]):.2f} m wide, gravity {np.linalg.norm(file.gravity):.3f} m/s2, "
         f"seed {file.attribute('seed')}, Blender {file.attribute('blender_version')}, "
         f"{file.path.stat().st_size / 1e6:.1f} MB",
-        "percentiles 1 | 50 | 99  [least, greatest] over all sequences and frames:",
     ]
-    return "\n".join(lines + aligned([COLUMNS, *(_row(file, index) for index in range(len(file.fabrics)))]))
 
 
-def _row(file: TrajectoryFile, index: int) -> tuple[str, ...]:
-    fabric = file.fabrics[index]
-    mass = file.materials[fabric]["mass_per_vertex"] * file.mesh.num_vertices
+def _recorded(file: RecordingFile) -> list[str]:
+    frames = [file.frames_of(sequence) for sequence in range(file.num_sequences)]
+    most = f"{min(frames)} to {max(frames)}" if min(frames) < max(frames) else f"{frames[0]}"
+    lines = [
+        f"{file.path}: {file.num_sequences} sequences of {most} frames, dt {file.dt:.5f} s, gravity "
+        f"{np.linalg.norm(file.gravity):.3f} m/s2, {file.path.stat().st_size / 1e6:.1f} MB"
+    ]
+    for mesh in dict.fromkeys(piece.mesh for piece in file.pieces):
+        own = [piece for piece in file.pieces if piece.mesh is mesh]
+        pins = ", ".join(map(str, sorted({len(piece.pinned) for piece in own})))
+        area = float(vertex_areas(mesh).sum())
+        lines.append(
+            f"cloth of {size(mesh.rest_positions):.2f} m and {own[0].mass.sum() / area:.3g} kg/m2: {mesh.num_vertices} "
+            f"vertices, {mesh.num_faces} faces, edges of {1e3 * mesh.rest_lengths.mean():.1f} mm; pinned: {pins}"
+        )
+    return lines
+
+
+def _row(file: Trajectories, index: int) -> tuple[str, ...]:
     chosen = np.flatnonzero(file.fabric == index)
     counts = [str(int(np.isin(chosen, file.split(split)).sum())) for split in ("train", "test")]
-    rejected = str(int((file.attempts[chosen] - 1).sum()))
+    rejected = str(int((file.attempts[chosen] - 1).sum())) if isinstance(file, TrajectoryFile) else "-"
     samples: tuple[list, list, list] = ([], [], [])
     for sequence in chosen:
-        x = file.positions(int(sequence))
+        x, piece = file.positions(int(sequence)), file.piece(int(sequence))
+        energy = external_energy_per_mass(x, file.dt, file.gravity, piece.mass)
         samples[0].append(speeds(x, file.dt).astype(np.float32))
-        samples[1].append(100.0 * edge_strain(x, file.mesh).astype(np.float32))
-        samples[2].append(mass * np.diff(external_energy_per_mass(x, file.dt, file.gravity)))
-    return (fabric, *counts, rejected, *(_range(np.concatenate([v.reshape(-1) for v in s])) for s in samples))
+        samples[1].append(100.0 * edge_strain(x, piece.mesh).astype(np.float32))
+        samples[2].append(piece.mass.sum() * np.diff(energy))
+    ranges = (_range(np.concatenate([v.reshape(-1) for v in s])) for s in samples)
+    return (file.fabrics[index], *counts, rejected, *ranges)
 
 
 def _range(values: np.ndarray) -> str:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from omegaconf import OmegaConf
 from torch import Tensor
 
-from drape.data.hdf5 import TrajectoryFile
+from drape.data.trajectories import open_trajectories
 from drape.energy.checkpoint import load_energy
 from drape.report.energy_map import EnergyOf, energy_of
 from drape.report.runs import Configuration
@@ -43,7 +43,7 @@ def learned_fabrics(found: Sequence[Configuration], names: Sequence[str]) -> dic
         DrapeError: the data of the runs are gone.
     """
     config = OmegaConf.load(found[0].runs[0].folder / "config.yaml")
-    materials = TrajectoryFile(config.datamodule.path).materials
+    materials = open_trajectories(config.datamodule.path).materials
     scales = OmegaConf.to_container(config.datamodule.attribute_scales)
     known = [name for name in names if name in materials]
     return {name: torch.tensor(attribute_vector(materials[name], scales), dtype=torch.float64) for name in known}

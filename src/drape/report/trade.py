@@ -33,7 +33,7 @@ def draw_trade(rows: Sequence[Mapping[str, str | float]], path: Path | str) -> P
     figure = Figure(figsize=(6.5 * columns, 5 * math.ceil(len(fabrics) / columns) + 0.6), layout="constrained")
     panels = figure.subplots(math.ceil(len(fabrics) / columns), columns, squeeze=False).reshape(-1)
     colours = {k: f"C{n}" for n, k in enumerate(dict.fromkeys((row["energy"], row["resolution"]) for row in rows))}
-    resolutions = sorted({int(row["resolution"]) for row in rows})
+    resolutions = sorted({row["resolution"] for row in rows}, key=str)
     markers = {resolution: MARKERS[k % len(MARKERS)] for k, resolution in enumerate(resolutions)}
     for axis, fabric in zip(panels, fabrics, strict=False):
         _draw_panel(axis, [row for row in rows if row["fabric"] == fabric], colours, markers)
@@ -61,7 +61,7 @@ def _draw_panel(axis: Axes, rows: Sequence[Mapping], colours: Mapping, markers: 
             marker=markers[resolution],
             markersize=4,
             linewidth=1,
-            label=f"{energy}, {precision}{cut}, {resolution} x {resolution} vertices",
+            label=f"{energy}, {precision}{cut}, {_mesh(resolution)}",
         )
         written = math.inf
         for row in points:
@@ -73,3 +73,7 @@ def _draw_panel(axis: Axes, rows: Sequence[Mapping], colours: Mapping, markers: 
     axis.grid(alpha=0.3, linewidth=0.4)
     for ticks in (axis.xaxis, axis.yaxis):
         written_out(ticks)
+
+
+def _mesh(resolution: int | str) -> str:
+    return f"{resolution} mesh" if isinstance(resolution, str) else f"{resolution} x {resolution} vertices"
