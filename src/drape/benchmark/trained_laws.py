@@ -33,7 +33,6 @@ from drape.energy.step_energies import StepEnergies
 from drape.errors import DrapeError
 from drape.report.trained_laws import draw_trained_laws
 from drape.scene.material import Material
-from drape.scene.mesh_batch import MeshBatch
 from drape.scene.scene import Scene
 from drape.simulators.solver import simulator_of
 
@@ -135,8 +134,7 @@ class TrainedLaws:
         data = run.data
         fit = SpringHingeLaw.fit(data.windows_apart(self.windows, BATCH, apart), len(data.file.fabrics))
         dt = data.observation.stride * float(data.file.dt)
-        area = float(MeshBatch.from_meshes([data.file.mesh]).rest_faces.area.mean())
-        baked = (fit.of_fabric(data.file.fabrics.index(m.name), m, area, dt) for m in _materials(data))
+        baked = (fit.of_fabric(data.file.fabrics.index(m.name), m, data.face_area, dt) for m in _materials(data))
         return self._residuals(data, fit.force_residual), ((law.fabric.name, of_law(law)) for law in baked)
 
     def _residuals(

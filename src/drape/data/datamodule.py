@@ -96,6 +96,12 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         """The vector **a** of one fabric of the file, as the networks see it (float64)."""
         return self._attributes[self.file.fabrics.index(fabric)]
 
+    @property
+    def face_area(self) -> float:
+        """Mean area of the faces of the meshes of the training split [m²]."""
+        meshes = {self.file.piece(int(sequence)).mesh for sequence in self.train_sequences}
+        return float(MeshBatch.from_meshes(list(meshes)).rest_faces.area.mean())
+
     def statistics(self) -> dict[str, float]:
         """See :func:`training_statistics`."""
         return training_statistics(self)

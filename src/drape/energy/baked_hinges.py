@@ -100,7 +100,7 @@ class Samples(NamedTuple):
     def differences(self, baked: BakedHinges) -> dict[str, float]:
         """``energy``, ``force`` and ``constants`` of a :class:`Certificate`."""
         found, tiny = baked.slopes(self.q), torch.finfo(self.energy.dtype).tiny
-        size = self.energy.abs().clamp(min=tiny)
+        size = torch.maximum(self.energy.abs(), SOFTEST * baked.usual(self.q)).clamp(min=tiny)
         force = (found.gradient - self.slopes).abs() * self.q.abs() / (2.0 * size[:, None])
         constants = (baked.constants - self.constants).abs() / self.constants.abs().clamp(min=tiny)
         energy = (found.energy - self.energy).abs() / size
@@ -138,6 +138,8 @@ class BakedHinges(HingeLaw):
         z, y = q[:, 0] / self.stretch_scale, q[:, 1] / self.angle_scale
         k, b = self.plane(torch.asinh(z), torch.log1p(y.square()))
         return 0.5 * (k * z.square() + b * y.square())
-SOFTEST = 0.1
-"""Share of what the mean stiffness of a table would store, below which differences do not count as relative ones."""
 
+    def usual(self, q: Float[Tensor, "edges 2"]) -> Float[Tensor, " edges"]:
+        """``½ K z² + ½ B y²`` with the means of K and B over the table [J]."""
+        k, b = self.plane.values.mean((1, 2)).tolist()
+        return 0.5 * (k * (q[:, 0] / self.stretch_scale).square() + b * (q[:, 1] / self.angle_scale).square())

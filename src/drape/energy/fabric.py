@@ -24,7 +24,6 @@ from drape.energy.stretch_only import StretchOnly
 from drape.energy.stvk import StVK
 from drape.energy.term import EnergyTerm
 from drape.scene.material import ATTRIBUTES, Material
-from drape.scene.mesh_batch import MeshBatch
 
 
 class Fabric(NamedTuple):
@@ -96,9 +95,7 @@ def spring_hinge(
     """
     data = TrajectoryDataModule(path, [material.name], 1, 50, dict.fromkeys(ATTRIBUTES, 1.0), seed=None)
     fitted = SpringHingeLaw.fit(data.windows_apart(windows, 50, instruments), len(data.file.fabrics))
-    meshes = {data.file.piece(int(sequence)).mesh for sequence in data.train_sequences}
-    face_area = float(MeshBatch.from_meshes(list(meshes)).rest_faces.area.mean())
-    law = fitted.of_fabric(data.file.fabrics.index(material.name), material, face_area, float(data.file.dt))
+    law = fitted.of_fabric(data.file.fabrics.index(material.name), material, data.face_area, float(data.file.dt))
     return of_law(at_density(law, material, areal_density), transfer)
 
 

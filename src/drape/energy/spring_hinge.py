@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -101,6 +100,11 @@ class SpringHingeLaw(nn.Module):
         coefficients = coefficients[window.mesh.mesh_of_vertex]
         return (coefficients[:, None] @ force_basis(window))[:, 0]
 
+    @property
+    def stiffness(self) -> Float[Tensor, "fabrics 2"]:
+        """``k₋ + k₀ + k₊`` [N/m] and ``b₋ + b₀ + b₊`` [J] of each fabric."""
+        return torch.stack([self.coefficients[:, :3].sum(1), self.coefficients[:, 3:6].sum(1)], 1)
+
     def force_residual(self, window: Window) -> Float[Tensor, "vertices 3"]:
         """``m a - m g - f`` [N]; 0 at pins. The same as ``StepEnergies.force_residual`` is of an energy."""
         return (window.inertial_force - self(window)) * window.free[:, None]
@@ -116,10 +120,8 @@ class SpringHingeLaw(nn.Module):
             face_area: mean area of the faces of the mesh fitted on [m²].
             dt: between the frames fitted on [s].
         """
-        found = self.coefficients[number].cpu().numpy()
-        stiffness = np.array([found[:3].sum(), found[3:6].sum()])
-        damper, drag = found[6:].clip(min=0.0).tolist()
-        stiffness = stiffness.clip(min=0.0)
+        stiffness = self.stiffness[number].clamp(min=0.0).cpu().numpy()
+        damper, drag = self.coefficients[number, 6:].clamp(min=0.0).tolist()
         return BakedHinges(
             SplinePlane(stiffness[:, None, None], first=(0, 0), step=(1.0, 1.0)),
             fabric=material,

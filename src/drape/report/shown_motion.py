@@ -28,12 +28,12 @@ def shown_motion(file: RecordingFile) -> str:
     for number, fabric in enumerate(file.fabrics):
         data = TrajectoryDataModule(str(file.path), [fabric], 1, 50, dict.fromkeys(ATTRIBUTES, 1.0), seed=None)
         windows = list(data.spaced_windows(WINDOWS, 50))
-        law = SpringHingeLaw.fit(windows, len(file.fabrics))
+        law = SpringHingeLaw.fit([(window,) for window in windows], len(file.fabrics))
         force, left = (
             float(torch.cat([vectors[window.free] for vectors, window in pairs]).norm(dim=-1).mean())
             for pairs in ([(w.inertial_force, w) for w in windows], [(law.force_residual(w), w) for w in windows])
         )
-        springs, hinges = law.coefficients[number, :2].sum(), law.coefficients[number, 2:5].sum()
+        springs, hinges = law.stiffness[number].tolist()
         lines.append(
             f"{fabric}: a fit of springs ({springs:.3g} N/m) and hinges ({hinges:.2g} J) leaves "
             f"{100 * left / force:.1f} % of the internal forces ({force:.2g} N on a vertex)"

@@ -102,7 +102,7 @@ def _extras(path: Path) -> dict[str, np.ndarray]:
         return {name: file[name][()].astype(np.float64) for name in names if name in file}
 
 
-def _rate(source: MeshFile, given: float | None, path: Path) -> float:
+def _rate(source: MeshFile, given: int | float | None, path: Path) -> float:
     for value, where in ((source.fps, "fps"), (given, "data.fps")):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise DrapeError(f"{path}: {where}: found {value}; expected frames per second, more than 0")
