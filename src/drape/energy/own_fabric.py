@@ -13,7 +13,7 @@ from drape.scene.material import Material
 def own_fabric(name: str, source: str, mass_per_vertex: float = 1.0) -> Material:
     """The fabric of a table (npz), or the one called ``name`` of a data set (HDF5).
 
-    ``mass_per_vertex`` [kg] stands in the config for scenes that weigh by vertex; the fabric keeps what it was learned at.
+    ``mass_per_vertex`` [kg] stands in the config for scenes that weigh by vertex; the fabric keeps that of its data.
 
     Raises:
         DrapeError: another kind of file, no such file, no such fabric in it, or a mass that is not positive.
