@@ -27,7 +27,7 @@ def patch(seed: int = 0) -> ClothMesh:
 
 
 def swinging(mesh: ClothMesh, pinned: list[int], frames: int = 24, seed: int = 0) -> np.ndarray:
-    """Positions [m] of a sheet that starts in a random wave and turn; small steps, so that frames hold the true motion."""
+    """Positions [m] of a sheet that starts in a random wave; small steps, so that frames hold the true motion."""
     random = np.random.default_rng(seed)
     rest, mass = mesh.rest_positions.astype(np.float64), vertex_masses(mesh, {"areal_density": DENSITY})[:, None]
     angle = random.uniform(0.6, 1.4)

@@ -86,7 +86,8 @@ def test_files_that_blender_opens(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         about = header(frames=8, body=False, mass=np.full(16, 0.002), pinned=np.array([12, 15]), **changes)
         with AnimationWriter(tmp_path / f"{number}.h5", about) as writer:
             for frame in x:
-                writer.append(State(frame, np.zeros_like(frame)), {"residual": 0.0, "iterations": 1.0} if writer.num_frames else None)
+                solved = {"residual": 0.0, "iterations": 1.0} if writer.num_frames else None
+                writer.append(State(frame, np.zeros_like(frame)), solved)
         (made,) = export(tmp_path / f"{number}.h5", [kind], tmp_path / f"out_{number}")
         (tmp_path / "root").mkdir(exist_ok=True)
         made.replace(tmp_path / "root" / f"{number}.{kind}")

@@ -1,4 +1,4 @@
-"""Recordings of anyone's cloth: read as they are, checked against gravity, and every bad one refused with a sentence."""
+"""Recordings of anyone's cloth: read as they are, checked against gravity, bad ones refused with a sentence."""
 
 from __future__ import annotations
 
@@ -140,7 +140,8 @@ def test_folders_of_meshes_in_centimetres_with_y_up(tmp_path: Path, kind: str) -
 
     rest = 100.0 * GRID.rest_positions
     write_meshes(tmp_path / "rest", GRID, np.stack([rest[:, 0], rest[:, 2], -rest[:, 1]], -1)[None], kind)
-    file = two(tmp_path / "root", write, fps=60.0, scale=0.01, up_axis="y", rest=str(tmp_path / "rest" / f"frame_0.{kind}"))
+    place = str(tmp_path / "rest" / f"frame_0.{kind}")
+    file = two(tmp_path / "root", write, fps=60.0, scale=0.01, up_axis="y", rest=place)
     for sequence in range(2):
         np.testing.assert_allclose(file.positions(sequence), motion("grid", (12, 15), sequence), atol=1e-6)
         assert file.piece(sequence).pinned.tolist() == [12, 15]
@@ -229,16 +230,16 @@ MISTAKES = {
     "no masses": ({}, {"mass": NONE}, "found no mass; expected exactly one of data.mass.areal_density"),
     "two masses": ({"mass": np.ones(16)}, {}, "found mass in the file, areal_density; expected exactly one"),
     "grams": ({}, {"mass": {"areal_density": 200.0, "per_vertex": None}}, "found 200 kg/m2; expected 0.005 to 50"),
-    "no mass of a vertex": ({"mass": np.zeros(16)}, {"mass": NONE}, "mass: found 0.0 at vertex 0; expected the mass of"),
+    "no mass of a vertex": ({"mass": np.zeros(16)}, {"mass": NONE}, "mass: found 0.0 at vertex 0; expected"),
     "mass of another mesh": ({"mass": np.ones(9)}, {"mass": NONE}, r"mass: found numbers of shape \(9,\); expected"),
     "no rest shape": ({"rest_positions": None}, {}, "found no rest shape; expected the cloth without any force"),
-    "rest shape in centimetres": ({"rest_positions": 100 * GRID.rest_positions}, {}, "half of the edges are 99 % or more"),
+    "rest shape in centimetres": ({"rest_positions": 100 * GRID.rest_positions}, {}, "of the edges are 99 % or more"),
     "micrometres": ({"rest_positions": 1e-6 * GRID.rest_positions}, {}, "have another unit: set data.scale"),
     "at rest": ({"positions": STILL}, {}, "no vertex moves further than .* expected cloth that swings or falls"),
     "too short": ({"positions": X[:4]}, {}, "found 4 frames; expected at least 5"),
-    "led pins": ({"positions": LED}, {"pins": [12, 15]}, r"data.pins: vertex 1[25] moves by .* expected pins that stay"),
+    "led pins": ({"positions": LED}, {"pins": [12, 15]}, r"data.pins: vertex 1[25] moves by .* expected pins"),
     "pins it has not": ({}, {"pins": [99]}, r"data.pins: found 99..99; expected 0..15"),
-    "pins by a word": ({}, {"pins": "corners"}, "data.pins: found 'corners'; expected still, a list of vertices, or null"),
+    "pins by a word": ({}, {"pins": "corners"}, "data.pins: found 'corners'; expected still, a list of"),
     "all pinned": ({}, {"pins": list(range(16))}, "data.pins: vertex|found all vertices"),
     "faces it has not": ({"faces": GRID.faces + 9}, {}, "faces index"),
     "no such list": ({}, {"test": "absent.txt"}, "data.test: absent.txt: no such file; expected a share"),
@@ -305,7 +306,7 @@ def test_a_topology_that_changes_inside_a_sequence_is_refused(tmp_path: Path) ->
     other = square_grid(0.4, 5)
     write_meshes(tmp_path / "other", other, other.rest_positions[None], "obj")
     (tmp_path / "other" / "frame_0.obj").replace(tmp_path / "root" / "1" / "frame_7.obj")
-    with pytest.raises(DrapeError, match="frame_7.obj: found 25 vertices and 32 faces that are not those of frame_0.obj"):
+    with pytest.raises(DrapeError, match="frame_7.obj: found 25 vertices and 32 faces that are not those of"):
         convert(tmp_path / "root", fps=60.0, rest="first")
 
 
@@ -330,7 +331,7 @@ def test_what_the_schema_does_not_allow_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DrapeError, match="attribute format"):
         TrajectoryFile(path)
     for change, sentence in (
-        (lambda f: f["sequences/000000/positions"].__setitem__((2, 0, 0), np.nan), "frame 2: found a number that is not"),
+        (lambda f: f["sequences/000000/positions"].__setitem__((2, 0, 0), np.nan), "frame 2: found a number that"),
         (lambda f: f["pieces/0/mass"].__setitem__(0, 0.0), "mass: found 0.0; expected positive numbers"),
         (lambda f: f["sequences/000001"].attrs.__setitem__("piece", 7), "attribute piece: found 7; expected 0..0"),
         (lambda f: f.__delitem__("pieces/0/faces"), "pieces/0/faces: missing"),

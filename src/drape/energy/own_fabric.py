@@ -10,12 +10,16 @@ from drape.errors import DrapeError
 from drape.scene.material import Material
 
 
-def own_fabric(name: str, source: str) -> Material:
+def own_fabric(name: str, source: str, mass_per_vertex: float = 1.0) -> Material:
     """The fabric of a table (npz), or the one called ``name`` of a data set (HDF5).
 
+    ``mass_per_vertex`` [kg] stands in the config for scenes that weigh by vertex; the fabric keeps that of its data.
+
     Raises:
-        DrapeError: another kind of file, no such file, or no such fabric in it.
+        DrapeError: another kind of file, no such file, no such fabric in it, or a mass that is not positive.
     """
+    if not mass_per_vertex > 0:
+        raise DrapeError(f"fabric.mass_per_vertex: found {mass_per_vertex}; expected a positive number")
     kind = Path(source).suffix.lower()
     if kind == ".npz":
         return read_baked(source).fabric

@@ -119,7 +119,7 @@ def _plausible(mass: Float[np.ndarray, " vertices"], mesh: ClothMesh, recording:
     density = float(mass.sum() / vertex_areas(mesh).sum())
     if not LIGHTEST <= density <= HEAVIEST:
         raise DrapeError(
-            f"{recording.path}: found {density:.3g} kg/m2; expected {LIGHTEST} to {HEAVIEST:.0f} (silk 0.08, denim 0.4); masses "
-            "are in kilograms: 200 g/m2 are 0.2"
+            f"{recording.path}: found {density:.3g} kg/m2; expected {LIGHTEST} to {HEAVIEST:.0f} (silk "
+            "0.08, denim 0.4); masses are in kilograms: 200 g/m2 are 0.2"
         )
     return mass
