@@ -43,7 +43,7 @@ def test_right_after_install_a_cloth_falls_on_a_sphere(tmp_path):
     """No argument but fewer frames, in a process of its own: the shipped table, a file, a picture, a summary."""
     done = program("animate", "scene.frames=3", f"folder={tmp_path}")
     assert done.returncode == 0, done.stderr
-    assert re.search(r"sphere: 3 frames of 900 vertices, silk\n\d+ ms/frame \(median\)", done.stdout)
+    assert re.search(r"sphere: 3 frames of 900 vertices, silk, at 30 per second\n\d+ ms/frame \(median\)", done.stdout)
     assert "inside the body: mean 0.000 %" in done.stdout
     assert f"{tmp_path.name}/animation.h5" in done.stdout
     assert (tmp_path / "preview.png").stat().st_size > 10_000

@@ -194,6 +194,7 @@ def test_a_body_stands_on_the_ground_at_the_origin(tmp_path, figure, motion):
     shifted[..., :3, 3] += [5.0, -3.0, 0.7]
     write_bvh(tmp_path / "walk.bvh", figure, shifted, MIXAMO, t_pose(figure), up=np.eye(3))
     found = read_bvh(tmp_path / "walk.bvh", figure, 24, FPS, up="z")
+    np.testing.assert_array_equal(found, read_bvh(tmp_path / "walk.bvh", figure, 24, FPS), "it stands along z")
     compare(figure, motion, found, 1e-5)
     lowest = pose_vertices(figure.rest_positions, figure.bones, figure.weights, found)[:, :, 2].min(axis=1)
     assert np.abs(lowest).max() < 0.02

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from drape.errors import DrapeError
+from drape.reading.files import read_file
 from drape.scene.grid import square_grid
 from drape.scene.mesh_file import read_cloth, read_triangles
 from drape.scene.proportions import check_garment_and_body
@@ -74,6 +75,13 @@ def test_triangles_polygons_and_relative_indices_mix(tmp_path):
     positions, faces = read_triangles(path)
     assert len(positions) == 5
     assert [3, 2, 4] in faces.tolist()
+
+
+def test_texture_coordinates_that_are_not_there_are_none(tmp_path):
+    path = tmp_path / "shirt.obj"
+    path.write_text(f"{SQUARE}vt 0.25 0.75\nf 1/1 2/9 3 4/1\n")
+    uv = read_file(path).uv
+    np.testing.assert_array_equal(uv, [[0.25, 0.75], [np.nan] * 2, [np.nan] * 2, [0.25, 0.75]])
 
 
 def test_a_garment_of_several_parts_is_allowed(tmp_path):

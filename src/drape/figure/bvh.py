@@ -36,11 +36,12 @@ def read_bvh(
     fps: float,
     start: float = 0.0,
     names: Mapping[str, str] | None = None,
-    up: str = "y",
+    up: str | None = None,
 ) -> Float[np.ndarray, "frames joints 4 4"]:
     """Skinning transforms (rest to posed) of ``frames`` frames at ``fps`` from ``start`` [s] of a recording.
 
-    Every bone turns as in the file, relative to its direction at rest there; ``up`` is the vertical axis of the file.
+    Every bone turns as in the file, relative to its direction at rest there; ``up`` is the vertical axis of the file,
+    None for the one along which the trunk stands on average.
     The path of the hips is scaled with the length of the legs, starts above the origin and stands on z = 0.
     ``names`` (joint of the figure: joint of the file) helps where joints are not recognised.
 
@@ -48,11 +49,11 @@ def read_bvh(
         DrapeError: no BVH file, joints that are missing, a recording that is too short.
     """
     path = Path(path)
-    if up not in UPRIGHT:
+    if up not in (*UPRIGHT, None):
         raise DrapeError(f"{path}: up axis {up!r}; expected 'y' or 'z'")
     file = load_bvh(path)
     found = match_names(file.names, path, names)
-    turns, places, scale = _retargeted(file, found, figure, UPRIGHT[up], path)
+    turns, places, scale = _retargeted(file, found, figure, UPRIGHT[up or _standing(file, found)], path)
     turns, places = _resample(turns, places, file.frame_time, frames, fps, start, path)
     local = turns.copy()
     parents = np.array(PARENTS)
@@ -65,6 +66,16 @@ def read_bvh(
     lowest = pose_vertices(figure.rest_positions, figure.bones, figure.weights, transforms)[:, :, 2].min(axis=1)
     transforms[..., 2, 3] -= np.quantile(lowest, SOLE)
     return transforms
+
+
+def _standing(file: BvhFile, found: dict[str, int]) -> str:
+    """The axis along which shoulders are above hips, on average over the frames; y if neither is clear."""
+    places = file.world(file.rotations, file.root)[1]
+    parts = [
+        places[:, [found[f"left_{part}"], found[f"right_{part}"]]].mean(axis=(0, 1)) for part in ("upper_arm", "thigh")
+    ]
+    trunk = parts[0] - parts[1]
+    return "z" if trunk[2] > max(trunk[1], 0.0) else "y"
 
 
 def _retargeted(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,11 +85,13 @@ def make_outfit(
     frames: int,
     fps: float,
     seed: int,
+    recording: Mapping[str, object] | None = None,
 ) -> Outfit:
     """Garments of these kinds in random styles, each over those before it, on a figure that moves.
 
     ``settle`` frames lead from the rest pose to the first pose of the motion, ``frames`` more follow; the same call
-    gives the same outfit. ``motion``: a name, or a BVH file. ``edge`` and ``body_edge`` in metres.
+    gives the same outfit. ``motion``: a name, or a BVH file, whose ``start``, ``up`` and ``names`` a ``recording``
+    may say (see :func:`read_bvh`). ``edge`` and ``body_edge`` in metres.
 
     Raises:
         DrapeError: an unknown kind or motion, a garment that cannot be made, garments that cross each other.
@@ -105,7 +107,7 @@ def make_outfit(
         style = random_style(kind, np.random.default_rng([seed, number]))
         garments.append(make_garment(kind, figure, style, edge, garments[-1] if garments else None))
     if recorded:
-        transforms = read_bvh(Path(motion), figure, frames, fps)
+        transforms = read_bvh(Path(motion), figure, frames, fps, **(recording or {}))
     else:
         transforms = make_motion(motion, figure, frames, fps, np.random.default_rng([seed, OF_MOTION]))
     outfit = Outfit(figure, tuple(garments), ease_in(clear_arms(transforms, figure, fps), figure, settle))

@@ -24,6 +24,7 @@ NEEDED = {"skimage": "scikit-image", "gpytoolbox": "gpytoolbox"}
 def person(
     garments: Sequence[str],
     motion: str,
+    recording: Mapping[str, object],
     figure: Mapping[str, float],
     seed: int,
     edge: float,
@@ -43,6 +44,8 @@ def person(
     below it as the first is from the body, so that none crosses another. Waistbands (skirt, trousers) are pinned and
     move with the skeleton. The garments' styles and the motion's proportions depend on ``seed`` only.
 
+    ``recording``: where a BVH file starts [s], what is up in it, and names of its joints (see :func:`read_bvh`).
+
     With edges of 0.0115 m the T-shirt of seed 0 has about 6000 vertices.
 
     Raises:
@@ -58,7 +61,8 @@ def person(
     print(f"making a figure, {', '.join(garments)} and the motion: some 10 seconds", file=sys.stderr, flush=True)
     moving = max(frames + 1 - settle, 1)
     lengths = {"edge": edge, "body_edge": body_edge}
-    outfit = make_outfit(shape, garments, motion, **lengths, settle=settle, frames=moving, fps=fps, seed=seed)
+    times = {"settle": settle, "frames": moving, "fps": fps}
+    outfit = make_outfit(shape, garments, motion, **lengths, **times, seed=seed, recording=recording)
     mesh = ClothMesh.from_faces(outfit.rest_positions, outfit.faces, "scene.garments")
     return Scene(
         name="person",

@@ -38,7 +38,8 @@ def read_obj(path: Path) -> MeshFile:
     if any(len(vertex) != 3 for vertex in vertices):
         raise ValueError("a vertex without three coordinates")
     polygons = Polygons(np.array(corners, np.int64), np.array(sizes, np.int64))
-    uv = np.array([*textures, [np.nan, np.nan]])[textured] if textured and max(textured) >= 0 else None
+    known = np.where(np.array(textured, np.int64) < len(textures), textured, -1)  # -1: the last row, NaN
+    uv = np.array([*textures, [np.nan, np.nan]])[known] if (known >= 0).any() else None
     return MeshFile(
         path,
         polygons,
