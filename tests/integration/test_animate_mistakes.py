@@ -203,4 +203,4 @@ def test_without_blender(animate, tmp_path, monkeypatch):
     (tmp_path / "walk.glb").write_bytes(b"glTF")
     mesh = written(tmp_path / "shirt.obj", X, FACES)
     said = custom(animate, tmp_path, mesh, f"scene.body={tmp_path}/walk.glb")
-    assert_says(said, r"walk\.glb: .*Blender is not installed .*or export the body as a folder of OBJ files")
+    assert_says(said, r"walk\.glb: .*Blender is not installed .*or export it as OBJ, a body as a folder of OBJ files")
