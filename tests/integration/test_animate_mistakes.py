@@ -108,9 +108,9 @@ BODIES = {
     "too short": (lambda f: npz(f, positions=WALK[:2]), "found 2 frames at 30 per second.* set scene.frames to 1"),
     "no rate": (lambda f: npz(f, fps=None), r"without a rate; expected frames per second: set scene\.body_fps"),
     "nan in npz": (lambda f: npz(f, positions=changed(WALK, (2, 5), np.nan)), "frame 2, vertex 5: found .*nan"),
-    "nan in HDF5": (holding_nan, "frame 1, vertex 3: found .*nan.*export the body again"),
+    "nan in HDF5": (holding_nan, "frame 1, vertex 3: found .*nan.*export it again"),
     "cut off": (torn, "cannot be read .*write the file again"),
-    "nobody": (lambda f: f / "nobody.npz", "no such file or folder; give the path of a body"),
+    "nobody": (lambda f: f / "nobody.npz", "no such file or folder; give the path of a mesh"),
 }
 
 
@@ -203,4 +203,4 @@ def test_without_blender(animate, tmp_path, monkeypatch):
     (tmp_path / "walk.glb").write_bytes(b"glTF")
     mesh = written(tmp_path / "shirt.obj", X, FACES)
     said = custom(animate, tmp_path, mesh, f"scene.body={tmp_path}/walk.glb")
-    assert_says(said, r"walk\.glb: .*Blender is not installed .*or export the body as a folder of OBJ files")
+    assert_says(said, r"walk\.glb: .*Blender is not installed .*or export it as OBJ, a body as a folder of OBJ files")
