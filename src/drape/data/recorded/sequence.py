@@ -73,6 +73,9 @@ def read_recording(path: Path, data: Mapping) -> Recording:
         DrapeError: no rate or two, a topology that changes, NaN, or whatever its reader refuses.
     """
     rate = data["fps"]
+    if rate is not None and not isinstance(rate, int | float):
+        raise DrapeError(f"data.fps: found {rate!r}; expected frames per second")
+    rate = None if rate is None else float(rate)
     if rate is None and path.suffix.lower() in ANIMATIONS and not path.is_dir():
         raise DrapeError(
             f"{path}: found a file whose reader does not tell its rate; expected frames per second: set data.fps"
