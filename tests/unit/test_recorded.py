@@ -225,6 +225,7 @@ NONE = {"areal_density": None, "per_vertex": None}
 MISTAKES = {
     "no rate": ({"fps": None}, {}, "0.npz: found no rate; expected frames per second: set data.fps"),
     "two rates": ({}, {"fps": 30.0}, r"found 60 frames per second in the file and data.fps=30; leave one out"),
+    "rate of a word": ({"fps": None}, {"fps": "fast"}, "data.fps: found 'fast'; expected frames per second"),
     "rate of nothing": ({"fps": 0.0}, {}, "fps: found 0.0; expected frames per second, more than 0"),
     "NaN": ({"positions": NAN}, {}, r"0.npz: frame 6, vertex 4: found \[.*nan"),
     "no masses": ({}, {"mass": NONE}, "found no mass; expected exactly one of data.mass.areal_density"),

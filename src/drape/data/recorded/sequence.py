@@ -70,6 +70,9 @@ def read_recording(path: Path, data: Mapping) -> Recording:
     Raises:
         DrapeError: no rate or two, a topology that changes, NaN, or whatever its reader refuses.
     """
+    rate = data["fps"]
+    if rate is not None and not isinstance(rate, int | float):
+        raise DrapeError(f"data.fps: found {rate!r}; expected frames per second")
     source = read_file(path, animated=True)
     read = made(source, data["scale"], data["up_axis"])
     extras, count = _extras(path), source.positions.shape[1]
@@ -85,7 +88,7 @@ def read_recording(path: Path, data: Mapping) -> Recording:
         path=path,
         faces=read.faces,
         positions=read.positions,
-        fps=_rate(source, data["fps"], path),
+        fps=_rate(source, None if rate is None else float(rate), path),
         rest=None if rest is None else to_metres(rest, form.scale, form.up)[read.in_order],
         mass=None if mass is None else np.bincount(form.vertex[used], mass[used]),
     )
@@ -102,7 +105,7 @@ def _extras(path: Path) -> dict[str, np.ndarray]:
         return {name: file[name][()].astype(np.float64) for name in names if name in file}
 
 
-def _rate(source: MeshFile, given: int | float | None, path: Path) -> float:
+def _rate(source: MeshFile, given: float | None, path: Path) -> float:
     for value, where in ((source.fps, "fps"), (given, "data.fps")):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise DrapeError(f"{path}: {where}: found {value}; expected frames per second, more than 0")
