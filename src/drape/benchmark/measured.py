@@ -19,7 +19,7 @@ from omegaconf import DictConfig
 from drape.data.whole_file import whole_file
 from drape.report.table import Table, number
 
-Row = Mapping[str, str | float]
+Row = Mapping[str, str | int | float]
 """Column -> value; names of columns end in their unit."""
 
 
@@ -88,7 +88,7 @@ class Circumstances:
         )
 
 
-def _text(value: str | float) -> str:
+def _text(value: str | int | float) -> str:
     if isinstance(value, str | int):
         return str(value)
     return number(value)
