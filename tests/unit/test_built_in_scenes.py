@@ -283,7 +283,7 @@ def test_a_recorded_sequence_is_a_scene(data):
 @pytest.mark.parametrize(
     ("override", "sentence"),
     [
-        ("scene.frames=4", r"scene\.frames: found 4; expected 1\.\.3, as the file has 5 frames a sequence"),
+        ("scene.frames=4", r"scene\.frames: found 4; expected 1\.\.3, as this sequence has 5 frames"),
         ("scene.sequence=1", r"scene\.sequence: found 1; expected 0\.\.0, as the test split has 1 sequences of silk"),
         ("scene.fabric=wool", "found no fabric 'wool'; expected one of silk, denim"),
         ("scene.path=nowhere.h5", "nowhere.h5: no such file; make it with"),

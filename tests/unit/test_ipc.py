@@ -272,7 +272,7 @@ def test_where_a_body_leaves_no_room_cloth_goes_on_and_says_so():
     below.apply_translation([0.0, 0.0, -0.06])
     faces = np.array(below.faces)
     count, start = len(below.vertices), np.array(below.vertices)
-    heights = [0.12, 0.11, 0.05, 0.05]
+    heights = [0.12, 0.11, 0.02, 0.02]
     bodies = np.stack([np.concatenate([start, start + [0.0, 0.0, height]]) for height in heights])
     sheet = square_grid(0.3, 5)
     scene = Scene(
