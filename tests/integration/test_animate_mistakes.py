@@ -49,7 +49,7 @@ MESHES = {
     "degenerate face": (X, np.r_[FACES, [[0, 1, 2]]], "1 faces have no area .*remove them or merge"),
     "no face": (X, FACES[:0], "found no triangle; expected a mesh with faces; export faces"),
     "empty": (X[:0], FACES[:0], "found no triangle"),
-    "no such vertex": (X, np.r_[FACES, [[0, 1, 99]]], r"faces index 0\.\.98; expected 0\.\.35"),
+    "no such vertex": (X, np.r_[FACES, [[0, 1, 99]]], r"faces index 0\.\.99; expected 0\.\.35"),
     "nan": (changed(X, 7, np.nan), FACES, r"frame 0, vertex 7: found \[nan nan nan\]; expected finite"),
     "centimetres": (100 * X, FACES, r"found a cloth of 141 m; expected 0\.01 to 100 m; .* set scene\.scale"),
 }

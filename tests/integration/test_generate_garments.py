@@ -117,4 +117,4 @@ def test_the_same_command_again_simulates_nothing(straight: tuple[GarmentFile, s
 def test_an_unknown_source_is_a_sentence(tmp_path: Path) -> None:
     run = generate(tmp_path / "garments.h5", "data.source=smpl")
     assert run.returncode != 0
-    assert "data.source: found 'smpl'; expected garments, cloth3d, vto" in run.stderr
+    assert "data.source: found 'smpl'; expected garments, recorded, cloth3d, vto" in run.stderr
