@@ -126,8 +126,7 @@ class TrainedLaws:
     def _learned(self, run: Run) -> tuple[dict[str, float], Iterator[tuple[str, Fabric]]]:
         energy = load_energy(run.checkpoint)
         residuals = self._residuals(run.data, partial(_force_residual, energy))
-        laws = (load_law(str(run.checkpoint), material)[0] for material in _materials(run.data))
-        baked = (bake(law, self.table, fabric=m) for law, m in zip(laws, _materials(run.data), strict=True))
+        baked = (bake(load_law(str(run.checkpoint), m)[0], self.table, fabric=m) for m in _materials(run.data))
         return residuals, ((law.fabric.name, of_law(law)) for law in baked)
 
     def _fitted(self, run: Run, apart: Sequence[int]) -> tuple[dict[str, float], Iterator[tuple[str, Fabric]]]:

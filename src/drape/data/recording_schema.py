@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from drape.data.schema import SPLITS, Field, check_dataset, check_gravity_and_rate, plain
+from drape.data.schema import SPLITS, Field, check_dataset, check_gravity_and_rate, check_materials, plain
 from drape.errors import DrapeError
 from drape.scene.material import ATTRIBUTES
 
@@ -77,11 +77,7 @@ def _check_attributes(file: h5py.File, path: Path) -> None:
     if found != VERSION:
         raise DrapeError(f"{path}: attribute schema_version: found {found}; expected {VERSION}; convert it again")
     check_gravity_and_rate(file, path)
-    for fabric in plain(file.attrs["fabrics"]):
-        group = file.get(f"materials/{fabric}")
-        missing = [name for name in MATERIAL_ATTRIBUTES if group is None or name not in group.attrs]
-        if missing:
-            raise DrapeError(f"{path}: materials/{fabric}: missing {', '.join(missing)}; convert the recordings again")
+    check_materials(file, path, MATERIAL_ATTRIBUTES, "convert the recordings again")
 
 
 def _check_piece(file: h5py.File, path: Path, number: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,7 +82,7 @@ def check_file(file: h5py.File, path: Path) -> None:
     lengths: dict[str, int] = {}
     for field in FIELDS:
         check_field(file, path, field, lengths)
-    _check_materials(file, path)
+    check_materials(file, path, MATERIAL_ATTRIBUTES, "generate the file again")
     _check_indices(file, path, lengths["vertices"])
     _check_positions(file["positions"], path)
 
@@ -146,12 +147,17 @@ def check_dataset(dataset: object, path: Path, field: Field, lengths: dict[str, 
         raise DrapeError(f"{path}: {field.name}: attribute units: found {unit!r}; expected {field.unit!r}")
 
 
-def _check_materials(file: h5py.File, path: Path) -> None:
+def check_materials(file: h5py.File, path: Path, names: Iterable[str], cure: str) -> None:
+    """Check that the group of every fabric has the attributes ``names``.
+
+    Raises:
+        DrapeError: path, fabric, what is missing, and the ``cure``.
+    """
     for fabric in plain(file.attrs["fabrics"]):
         group = file.get(f"materials/{fabric}")
-        missing = [name for name in MATERIAL_ATTRIBUTES if group is None or name not in group.attrs]
+        missing = [name for name in names if group is None or name not in group.attrs]
         if missing:
-            raise DrapeError(f"{path}: materials/{fabric}: missing {', '.join(missing)}; generate the file again")
+            raise DrapeError(f"{path}: materials/{fabric}: missing {', '.join(missing)}; {cure}")
 
 
 def _check_indices(file: h5py.File, path: Path, vertices: int) -> None:
