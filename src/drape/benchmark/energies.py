@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
@@ -70,9 +69,9 @@ class Energies:
         return Measured("energies", title, rows, circumstances.text())
 
     def _parts(self, composed: Composed, scene: Scene, energy: str, precision: str) -> dict[str, Callable]:
-        law, dtype = composed.law(energy), PRECISIONS[precision]
-        potential = IncrementalPotential(law.terms).to(dtype=dtype)
-        step, x = deformed(scene, law.attributes, dtype)
+        law = composed.law(energy)
+        potential = IncrementalPotential(law.terms).with_laws_in(PRECISIONS[precision])
+        step, x = deformed(scene, law.attributes)
         return {
             "forces": lambda: potential.evaluate(x, step),
             "hessian": lambda: potential.hessian(x, step),
@@ -80,13 +79,13 @@ class Energies:
         }
 
 
-def deformed(scene: Scene, attributes: Tensor, dtype: torch.dtype) -> tuple[Step, Tensor]:
+def deformed(scene: Scene, attributes: Tensor) -> tuple[Step, Tensor]:
     """A step of a scene's cloth and positions at its end: stretched by some percent, in waves, moving."""
     rest = np.asarray(scene.mesh.rest_positions, np.float64)
     size = np.ptp(rest, axis=0).max()
     waves = np.sin(2 * np.pi * rest[:, [1, 0, 0]] / size * [3.0, 2.0, 5.0])
     x = rest * [1.03, 1.02, 1.0] + size * waves * [0.004, 0.004, 0.006]
-    step = SceneSteps(scene, attributes, dtype).step(State(x, waves), 0.0, 1.0)
+    step = SceneSteps(scene, attributes).step(State(x, waves), 0.0, 1.0)
     return step, step.inertial
 
 

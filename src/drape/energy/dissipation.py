@@ -26,8 +26,7 @@ class Dissipation(EnergyTerm):
     name = "dissipation"
 
     def __init__(self, law: EdgeLaw):
-        super().__init__()
-        self.law = law
+        super().__init__(law)
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         _, speed = _motion(x_next, step)

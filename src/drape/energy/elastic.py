@@ -35,8 +35,7 @@ class ElasticEnergy(EnergyTerm):
     name = "elastic"
 
     def __init__(self, law: EdgeLaw, *, transfer: bool):
-        super().__init__()
-        self.law = law
+        super().__init__(law)
         self.transfer = transfer
         self._scale: tuple[MeshBatch, EdgeScale] | None = None
         self._turning = StencilSum()

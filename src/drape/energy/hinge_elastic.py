@@ -72,8 +72,8 @@ class HingeElastic(EnergyTerm):
     name = "elastic"
 
     def __init__(self, law: HingeLaw, *, transfer: bool):
-        super().__init__()
-        self.law, self.transfer = law, transfer
+        super().__init__(law)
+        self.transfer = transfer
         self._edges: HingeEdges | None = None
         self._kernel: tuple[Tensor, Edges, Tables] | None = None
 
@@ -169,8 +169,8 @@ class Damping(EnergyTerm):
     name = "damping"
 
     def __init__(self, law: HingeLaw, *, transfer: bool):
-        super().__init__()
-        self.law, self.transfer = law, transfer
+        super().__init__(law)
+        self.transfer = transfer
         self._sizes: tuple[MeshBatch, Tensor] | None = None
 
     def _drag(self, step: Step) -> Float[Tensor, "vertices 1"]:

@@ -32,6 +32,8 @@ class Evaluation(NamedTuple):
     """Minus the force on each vertex [N]."""
     terms: dict[str, float]
     """Energy of each term [J], by its name."""
+    rounding: float
+    """Differences of the energy that mean nothing [J]."""
 
 
 class IncrementalPotential(nn.Module):
@@ -79,6 +81,13 @@ class IncrementalPotential(nn.Module):
             reasons[term.name] = reason
         return cls(terms, reasons)
 
+    def with_laws_in(self, dtype: torch.dtype) -> IncrementalPotential:
+        """Itself, with the laws of its fabric evaluated in this precision."""
+        for term in self.terms:
+            if term.law is not None:
+                term.law.to(dtype)
+        return self
+
     @property
     def contact(self) -> Contact | None:
         """The contact term, where the scene has a body."""
@@ -111,7 +120,9 @@ class IncrementalPotential(nn.Module):
                 energies[term.name] = float(energy.sum())
                 total = gradient if total is None else total + gradient
         known = torch.from_numpy(summed).to(x_next)
-        return Evaluation(float(sum(energies.values())), known if total is None else known + total, energies)
+        rounding = sum(term.relative_rounding * abs(energies[term.name]) for term in self.terms)
+        gradient = known if total is None else known + total
+        return Evaluation(float(sum(energies.values())), gradient, energies, rounding)
 
     def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step, *, rough: bool = False) -> sparse.csr_array:
         """A positive definite approximation of the Hessian, ``3 vertices`` square; ``rough``: sparser if possible.

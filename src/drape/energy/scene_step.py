@@ -1,4 +1,4 @@
-"""Time steps of a scene as the energies see them: tensors of one precision, centred on the cloth."""
+"""Time steps of a scene as the energies see them: tensors in double precision, centred on the cloth."""
 
 from __future__ import annotations
 
@@ -24,13 +24,12 @@ ASKED = 2.0
 class SceneSteps:
     """Makes the :class:`Step` from one time of a scene to another; times are counted in frames.
 
-    Positions are taken relative to the middle of the cloth, in float64, before they are rounded to ``dtype``: where in
-    the world a scene plays costs no accuracy. Between frames, pins and body move on straight lines.
+    Positions are relative to the middle of the cloth: where in the world a scene plays costs no accuracy. Between
+    frames, pins and body move on straight lines.
 
     Args:
         scene: what is simulated.
         attributes: the scaled vector **a** of its fabric; empty for energies that read no attributes.
-        dtype: float32 or float64.
         device: where the energies are evaluated.
         contact: decides which points of the cloth meet the body; None: its vertices.
     """
@@ -39,12 +38,10 @@ class SceneSteps:
         self,
         scene: Scene,
         attributes: Float[Tensor, " attributes"],
-        dtype: torch.dtype = torch.float64,
         device: torch.device | str = "cpu",
         contact: Contact | None = None,
     ):
         self.scene = scene
-        self.dtype = dtype
         self.device = torch.device(device)
         batch = MeshBatch.from_meshes([scene.mesh])
         tensors = {f.name: getattr(batch, f.name) for f in fields(batch)}
@@ -66,7 +63,7 @@ class SceneSteps:
             self._asked_within = 0.0 if contact is None else ASKED * contact.thickness
 
     def _put(self, tensor: Tensor) -> Tensor:
-        return tensor.to(self.device, self.dtype) if tensor.is_floating_point() else tensor.to(self.device)
+        return tensor.to(self.device, torch.float64) if tensor.is_floating_point() else tensor.to(self.device)
 
     def origin(self, state: State) -> Float[np.ndarray, "3"]:
         """The middle of the cloth, which the positions of a step are relative to [m]."""
@@ -124,7 +121,7 @@ class SceneSteps:
             points = self._touching.at(torch.tensor(x, device=self.device))
             none = torch.zeros(max(len(points), len(self._faces)), dtype=torch.long, device=self.device)
             near = NearestFaces.find(points, none[: len(points)], self._faces, none[: len(self._faces)], body, body)
-            self._searched = time, np.array(x), near.to(self.dtype)
+            self._searched = time, np.array(x), near
         return self._searched[2]
 
     def body(self, time: float) -> Float[np.ndarray, "body_vertices 3"] | None:

@@ -42,6 +42,17 @@ class EnergyTerm(nn.Module, ABC):
     name: str
     """Short name, the same in logs, tables and messages."""
 
+    def __init__(self, law: nn.Module | None = None):
+        """``law``: of the edges of a fabric, of a term that has one."""
+        super().__init__()
+        self.law = law
+
+    @property
+    def relative_rounding(self) -> float:
+        """Share of its energy that means nothing: that of double precision, or of the networks of its law."""
+        weight = None if self.law is None else next(self.law.parameters(), None)
+        return torch.finfo(torch.float64 if weight is None else weight.dtype).eps
+
     @abstractmethod
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         """Energy of each cloth for the step that ends at ``x_next`` [J]."""

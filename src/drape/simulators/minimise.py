@@ -119,7 +119,7 @@ class Minimiser:
                 since, before = REFRESH, 0.0
                 continue
             moved, evaluation = found
-            if best.energy - evaluation.energy > _rounding(best, x.dtype):
+            if best.energy - evaluation.energy > best.rounding:
                 gained_at = used
             self._remember(pairs, moved - x, evaluation.gradient - best.gradient)
             x, best = moved, evaluation
@@ -189,7 +189,6 @@ class Minimiser:
         slope = float((here.gradient * direction).sum())
         if not slope < 0:
             return None, 0
-        rounding = _rounding(here, x.dtype)
         share = self._free_share(x, x + direction, step)
         for tried in range(1, max(2, min(budget, 40)) + 1):
             moved = x + share * direction
@@ -199,18 +198,13 @@ class Minimiser:
             gained = there.energy - here.energy
             if gained <= SUFFICIENT * share * slope and bool(there.gradient.isfinite().all()):
                 return (moved, there), tried
-            if abs(gained) <= rounding:
+            if abs(gained) <= here.rounding:
                 along = float((there.gradient * direction).sum())
                 flatter = (2 * SUFFICIENT - 1) * slope >= along >= 0.9 * slope
                 if flatter and self.residual(there.gradient) < self.residual(here.gradient):
                     return (moved, there), tried
             share *= _shorter(gained, share * slope)
         return None, tried
-
-
-def _rounding(evaluation: Evaluation, dtype: torch.dtype) -> float:
-    """Differences of the energy that mean nothing [J]."""
-    return torch.finfo(dtype).eps * sum(abs(energy) for energy in evaluation.terms.values())
 
 
 def _shorter(gained: float, predicted: float) -> float:

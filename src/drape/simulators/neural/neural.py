@@ -41,7 +41,7 @@ class NeuralSimulator:
             scene = replace(scene, mass=vertex_masses(scene.mesh, {"areal_density": known.areal_density}))
         self.scene = scene
         self.network = network.to(device)
-        self.steps = SceneSteps(scene, known.attributes, torch.float64, device)
+        self.steps = SceneSteps(scene, known.attributes, device)
 
     @torch.no_grad()
     def step(self, state: State, frame: int) -> StepResult:
