@@ -71,6 +71,8 @@ def places(name: str) -> dict[str, Tensor]:
     merged[0] = merged[1]
     onto_edge = x_next.clone()
     onto_edge[2] = 0.5 * (onto_edge[0] + onto_edge[1])
+    near_edge = x_next.clone()
+    near_edge[2] = torch.lerp(onto_edge[2], near_edge[2], 5e-3)
     return {
         "moving": x_next,
         "rest": rest,
@@ -82,6 +84,7 @@ def places(name: str) -> dict[str, Tensor]:
         "folded onto itself": torch.stack([rest[:, 0].abs(), rest[:, 1], rest[:, 2]], 1),
         "merged": merged,
         "corner on an edge": onto_edge,
+        "corner near an edge": near_edge,
         "line": rest * torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64),
         "point": torch.zeros_like(rest),
     }
@@ -156,7 +159,7 @@ def test_a_table_in_single_precision_is_summed_in_double():
 
 
 @either
-@pytest.mark.parametrize("place", ["moving", "near rest", "crumpled", "folded"])
+@pytest.mark.parametrize("place", ["moving", "near rest", "crumpled", "folded", "corner near an edge"])
 def test_the_gradient_is_that_of_the_energy(place, transfer):
     """By autograd through tensors, and by differences of the compiled energy itself."""
     name = "curved at rest, and another"

@@ -11,12 +11,13 @@ from drape.energy.per_mesh import PerMesh, everywhere, hold, of_pieces
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.errors import DrapeError
-from drape.scene.geometry import TINY, hinge_change
 from drape.scene.rest_shape import HingeShape
 
 
 class _Bend(NamedTuple):
     shape: HingeShape
+    seen: Float[Tensor, " hinges"]
+    """s Δθ"""
     angle: Float[Tensor, " hinges"]
     """Δθ"""
     weight: Float[Tensor, " hinges"]
@@ -24,12 +25,12 @@ class _Bend(NamedTuple):
 
 
 class Bending(EnergyTerm):
-    """``Σ_hinges k l² / (4 (A1 + A2)) · Δθ²/2`` [J] (FACTS 3.4).
+    """``Σ_hinges k l² / (4 (A1 + A2)) · (s Δθ)²/2`` [J] (FACTS 3.4).
 
     l is the length of the edge as it is now, A1 and A2 are the rest areas of its faces, Δθ is the change of the
-    dihedral angle from the rest state (HOOD takes a flat one), see :func:`hinge_change`. So an energy is half the
-    square of ``r = l Δθ``, and its gradient and Gauss-Newton Hessian come from ∂r/∂x, which stays bounded as l goes to
-    zero.
+    dihedral angle from the rest state (HOOD takes a flat one), s is 1 unless a face has lost 99 % of its area, see
+    :meth:`HingeShape.change`. So an energy is half the square of ``r = l s Δθ``, and its gradient and Gauss-Newton
+    Hessian come from ∂r/∂x, which stays bounded as l goes to zero.
 
     Args:
         stiffness: k [J]; one number, or one for each mesh of the batch. The default is HOOD's.
@@ -48,7 +49,7 @@ class Bending(EnergyTerm):
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         bend = self._bend(x_next, step)
-        energies = 0.5 * bend.weight * (bend.shape.length * bend.angle).square()
+        energies = 0.5 * bend.weight * (bend.shape.length * bend.seen).square()
         return step.sum_stencils(energies, step.mesh.rest_hinges.corners.vertices[:, 0])
 
     def energy_and_gradient(
@@ -57,7 +58,7 @@ class Bending(EnergyTerm):
         bend = self._bend(x_next.detach(), step)
         bend = bend._replace(weight=bend.weight.detach())
         corners = step.mesh.rest_hinges.corners
-        size = bend.shape.length * bend.angle
+        size = bend.shape.length * bend.seen
         pull = bend.weight * size
         gradient = corners.scatter(_slope(bend, pull), len(x_next))
         return step.sum_stencils(0.5 * pull * size, corners.vertices[:, 0]), gradient
@@ -72,17 +73,17 @@ class Bending(EnergyTerm):
 
     def _bend(self, x: Float[Tensor, "vertices 3"], step: Step) -> _Bend:
         rest = step.mesh.rest_hinges
-        shape = HingeShape(rest.corners.gather(x), TINY * step.mesh.length_scale)
-        angle = hinge_change(shape.angle, rest.angle.to(x.dtype))
+        shape = HingeShape(rest.corners.gather(x), rest.shape)
+        seen, angle = shape.change(rest.angle)
         stiffness = of_pieces(self.stiffness, step, rest.corners.vertices[:, 0], x.dtype)
-        return _Bend(shape, angle, (stiffness / (4.0 * rest.area)).to(x.dtype))
+        return _Bend(shape, seen, angle, (stiffness / (4.0 * rest.area)).to(x.dtype))
 
 
 def _slope(bend: _Bend, factor: Float[Tensor, " hinges"]) -> Float[Tensor, "12 hinges"]:
-    """``factor ∂(l Δθ)/∂x``."""
+    """``factor ∂(l s Δθ)/∂x``."""
     shape = bend.shape
-    stretch = (factor * bend.angle / shape.length) * shape.edge
-    slopes = shape.angle_slopes(factor * shape.length)
+    stretch = (factor * bend.seen / shape.length) * shape.edge
+    slopes = shape.change_slopes(factor * shape.length, bend.angle)
     slopes[0:3] -= stretch
     slopes[3:6] += stretch
     return slopes

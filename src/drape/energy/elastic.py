@@ -14,7 +14,6 @@ from drape.energy.hessian import StencilSum, from_jacobian
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.energy.twist_share import FADES_BELOW, twist_share
-from drape.scene.geometry import TINY
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.rest_shape import HingeShape
 
@@ -96,8 +95,8 @@ class ElasticEnergy(EnergyTerm):
         tension = (slopes.gradient[:, 0] / deformation.length).abs()
         pieces = [Stencils(step.mesh.edges, deformation.spring_blocks(stiffness[:, 0], tension))]
         if self.law.bends:
-            corners = step.mesh.rest_hinges.corners
-            shape = HingeShape(corners.gather(x_next.detach()), TINY * float(step.mesh.length_scale))
+            corners, rest = step.mesh.rest_hinges.corners, step.mesh.rest_hinges.shape
+            shape = HingeShape(corners.gather(x_next.detach()), rest)
             bending = HINGE * stiffness[~step.mesh.boundary, 1:].sum(1)
             row = shape.angle_slopes(bending.sqrt())
             blocks = (row[:, None] * row).view(4, 3, 4, 3, -1).permute(4, 0, 1, 2, 3)

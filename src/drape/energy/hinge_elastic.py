@@ -13,12 +13,13 @@ from drape.energy import damping_kernel
 from drape.energy.baked_hinges import BakedHinges
 from drape.energy.edge_scale import EdgeScale
 from drape.energy.hessian import Filled
-from drape.energy.hinge_kernel import BLOCK, Edges, Tables, add_hessian, energies_and_forces
+from drape.energy.hinge_arrays import Edges, Tables
+from drape.energy.hinge_kernel import BLOCK, add_hessian, energies_and_forces
 from drape.energy.hinge_law import HingeLaw
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 from drape.scene.corners import Corners, dot
-from drape.scene.geometry import TINY, hinge_change
+from drape.scene.geometry import TINY
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.rest_shape import HingeShape
 
@@ -33,8 +34,7 @@ class HingeEdges:
         self.mesh = mesh
         opposite = mesh.faces[mesh.edge_faces].sum(-1) - mesh.edges.sum(-1, keepdim=True)
         self.corners = Corners.of(torch.cat([mesh.edges, opposite], -1))
-        self.smallest = TINY * float(mesh.length_scale)
-        self.rest_angle = HingeShape(self.corners.gather(mesh.rest_positions), 0.0).angle
+        self.rest = HingeShape(self.corners.gather(mesh.rest_positions))
         self.inner = (~mesh.boundary).double()
         scale = None if face_area is None else EdgeScale(mesh, face_area)
         same = scale is None or scale.same
@@ -54,11 +54,12 @@ class HingeEdges:
         return Edges(
             corners=filled(self.corners.vertices.int(), 0.0),
             inner=filled(self.inner, 0.0),
-            rest_length=filled(self.mesh.rest_lengths.double(), 0.0),
-            rest_angle=filled(torch.atan2(*self.rest_angle.mT.flip(0)) * self.inner, 0.0),
+            rest_length=filled(self.rest.length, 1.0),
+            rest_angle=filled(torch.atan2(*self.rest.angle.mT.flip(0)) * self.inner, 0.0),
+            rest_square1=filled(self.rest.double_area1.square(), 1.0),
+            rest_square2=filled(self.rest.double_area2.square(), 1.0),
             size=filled(self.size.double(), 1.0),
             share=filled(self.share.double(), 0.0),
-            smallest=self.smallest,
         )
 
 
@@ -85,7 +86,7 @@ class HingeElastic(EnergyTerm):
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         edges = self.edges(step.mesh)
-        q, _ = _deformation(x_next, edges)
+        q, *_ = _deformation(x_next, edges)
         size = edges.size.to(q.dtype)
         energy = edges.share.to(q.dtype) * size.square() * self.law.potential((q / size).T)
         return step.sum_stencils(energy, step.mesh.edges[:, 0])
@@ -98,11 +99,11 @@ class HingeElastic(EnergyTerm):
             energy, gradient = energies_and_forces(array(x_next), *self._compiled())
             energy = torch.from_numpy(energy[: step.mesh.num_edges])
             return step.sum_stencils(energy, step.mesh.edges[:, 0]), torch.from_numpy(gradient).to(x_next.dtype)
-        q, shape = _deformation(x_next.detach(), edges)
+        q, angle, shape = _deformation(x_next.detach(), edges)
         size, share = edges.size.to(q.dtype), edges.share.to(q.dtype)
         slopes = self.law.slopes((q / size).T)
         by_length, by_angle = (share * size * slopes.gradient.T).unbind(0)
-        pull = shape.angle_slopes(by_angle)
+        pull = shape.change_slopes(by_angle, angle)
         along = (by_length / shape.length) * shape.edge
         pull[0:3] -= along
         pull[3:6] += along
@@ -131,14 +132,14 @@ class HingeElastic(EnergyTerm):
         if self._compiles(x_next):
             x, compiled = array(x_next), self._compiled()
             return [Filled(edges.corners.vertices, lambda data, places: add_hessian(x, *compiled, count, data, places))]
-        q, shape = _deformation(x_next.detach(), edges)
+        q, angle, shape = _deformation(x_next.detach(), edges)
         size, share = edges.size.to(q.dtype), edges.share.to(q.dtype)
         slopes = self.law.slopes((q / size).T)
         values, vectors = torch.linalg.eigh(share[:, None, None] * slopes.hessian)
         curvature = (vectors * values.clamp(min=0.0)[:, None]) @ vectors.mT
         direction = shape.edge / shape.length
         stretch = torch.cat([-direction, direction, torch.zeros_like(direction), torch.zeros_like(direction)])
-        rows = torch.stack([stretch, shape.angle_slopes(edges.inner.to(q.dtype))])
+        rows = torch.stack([stretch, shape.change_slopes(edges.inner.to(q.dtype), angle)])
         blocks = torch.einsum("ape,eab,bqe->epq", rows, curvature, rows).view(-1, 4, 3, 4, 3)
         string = (share * size * slopes.gradient[:, 0]).abs() / shape.length
         across = torch.eye(3, dtype=q.dtype, device=q.device) - direction.T[:, :, None] * direction.T[:, None]
@@ -234,10 +235,13 @@ class Damping(EnergyTerm):
         return [Stencils(step.mesh.edges, signs[:, None, :, None] * block[:, None, :, None]), on_vertices]
 
 
-def _deformation(x: Tensor, edges: HingeEdges) -> tuple[Float[Tensor, "2 edges"], HingeShape]:
-    shape = HingeShape(edges.corners.gather(x), edges.smallest)
-    angle = hinge_change(shape.angle, edges.rest_angle.to(x.dtype), edges.mesh.boundary)
-    return torch.stack([shape.length - edges.mesh.rest_lengths.to(x.dtype), angle]), shape
+def _deformation(
+    x: Tensor, edges: HingeEdges
+) -> tuple[Float[Tensor, "2 edges"], Float[Tensor, " edges"], HingeShape]:
+    """What the law sees of each edge, the change of its angle, its shape."""
+    shape = HingeShape(edges.corners.gather(x), edges.rest)
+    seen, angle = shape.change(edges.rest.angle, edges.mesh.boundary)
+    return torch.stack([shape.length - edges.rest.length.to(x), seen]), angle, shape
 
 
 def _mean_face(mesh: MeshBatch) -> Float[Tensor, " vertices"]:

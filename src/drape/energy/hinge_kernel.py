@@ -8,7 +8,6 @@ from then on it is read from the disk.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,48 +22,16 @@ from drape.scene.compiled import (
     inlined,
     logarithm,
 )
-from drape.scene.geometry import DEGENERATE, HALF_TURN
+from drape.scene.geometry import HALF_TURN, TINY
+from drape.scene.rest_shape import FADED
 
 EDGE, ARM1, ARM2, NORMAL1, NORMAL2 = (3 * BLOCK * k for k in range(5))
 ON_END, ON_THIRD, ON_FOURTH = (3 * BLOCK * k for k in range(5, 8))
-LENGTH, SQUARE1, SQUARE2, STRETCH, ANGLE, U, V, AT_Z, AT_Y, BY_Z, BY_Y, FOOT1, FOOT2, END = (
-    BLOCK * k for k in range(24, 38)
+LENGTH, SQUARE1, SQUARE2, STRETCH, ANGLE, U, V, AT_Z, AT_Y, BY_Z, BY_Y, FOOT1, FOOT2, TURN, PART1, PART2, END = (
+    BLOCK * k for k in range(24, 41)
 )
 K, K_U, K_V, K_UU, K_UV, K_VV, B, B_U, B_V, B_UU, B_UV, B_VV, SUMS = (BLOCK * k for k in range(13))
 """Where the quantities of a block stand: of its geometry, and of its two splines with their derivatives."""
-
-
-class Tables(NamedTuple):
-    """The two splines of a law; see :class:`BakedHinges`."""
-
-    taps: np.ndarray
-    """A row for each cell: the 4 x 4 coefficients of K around it, then those of B."""
-    first_u: int
-    """Number of the first node in u; nodes stand at whole numbers of steps."""
-    first_v: int
-    nodes_u: int
-    nodes_v: int
-    step_u: float
-    step_v: float
-    stretch_scale: float
-    angle_scale: float
-
-
-class Edges(NamedTuple):
-    """The edges of a mesh, as many as fill whole blocks."""
-
-    corners: np.ndarray
-    """``edges 4``: both ends, then the opposite corners of both faces; twice the same one on a boundary."""
-    inner: np.ndarray
-    """1.0 where there are two faces, else 0.0."""
-    rest_length: np.ndarray
-    rest_angle: np.ndarray
-    size: np.ndarray
-    """S of each edge: see :class:`EdgeScale`."""
-    share: np.ndarray
-    """How much of its energy counts; 0 of edges that only fill up a block."""
-    smallest: float
-    """[m]"""
 
 
 @inlined
@@ -79,24 +46,32 @@ def _gather(x, corners, buffer):
 
 
 @inlined
-def _deform(buffer, inner, rest_length, rest_angle, size, smallest, stretch_scale, angle_scale):
+def _fading(part):
+    """``f(t)`` of :meth:`HingeShape.change`, of t."""
+    return part * part * (3.0 - 2.0 * part)
+
+
+@inlined
+def _deform(buffer, inner, rest_length, rest_angle, size, rest_square1, rest_square2, stretch_scale, angle_scale):
     """Length and angle of each edge, scaled, and what their slopes need."""
-    least = smallest * smallest
     for e in range(BLOCK):
         d0, d1, d2 = buffer[EDGE + e], buffer[EDGE + BLOCK + e], buffer[EDGE + 2 * BLOCK + e]
         a0, a1, a2 = buffer[ARM1 + e], buffer[ARM1 + BLOCK + e], buffer[ARM1 + 2 * BLOCK + e]
         b0, b1, b2 = buffer[ARM2 + e], buffer[ARM2 + BLOCK + e], buffer[ARM2 + 2 * BLOCK + e]
         n0, n1, n2 = d1 * a2 - d2 * a1, d2 * a0 - d0 * a2, d0 * a1 - d1 * a0
         m0, m1, m2 = b1 * d2 - b2 * d1, b2 * d0 - b0 * d2, b0 * d1 - b1 * d0
-        length = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2 + least)
-        tiny = (least * 1e6) * (least * 1e6)
-        square1, square2 = n0 * n0 + n1 * n1 + n2 * n2 + tiny, m0 * m0 + m1 * m1 + m2 * m2 + tiny
+        length = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2 + TINY * TINY * rest_length[e] * rest_length[e])
+        square1 = n0 * n0 + n1 * n1 + n2 * n2 + TINY * TINY * rest_square1[e]
+        square2 = m0 * m0 + m1 * m1 + m2 * m2 + TINY * TINY * rest_square2[e]
         cosine = n0 * m0 + n1 * m1 + n2 * m2
         sine = -(n0 * b0 + n1 * b1 + n2 * b2) * length
         angle = arctangent2(sine, cosine) - rest_angle[e]
         angle = inner[e] * (angle - 2.0 * math.pi * np.rint(angle / (2.0 * math.pi)))
         angle = angle if angle > HALF_TURN - math.pi else -angle
-        angle = 0.0 if cosine * cosine + sine * sine < DEGENERATE * square1 * square2 else angle
+        part1 = math.sqrt(min(square1 / (FADED * FADED * rest_square1[e]), 1.0))
+        part2 = math.sqrt(min(square2 / (FADED * FADED * rest_square2[e]), 1.0))
+        buffer[TURN + e], buffer[PART1 + e], buffer[PART2 + e] = angle, part1, part2
+        angle *= _fading(part1) * _fading(part2)
         buffer[NORMAL1 + e], buffer[NORMAL1 + BLOCK + e], buffer[NORMAL1 + 2 * BLOCK + e] = n0, n1, n2
         buffer[NORMAL2 + e], buffer[NORMAL2 + BLOCK + e], buffer[NORMAL2 + 2 * BLOCK + e] = m0, m1, m2
         buffer[FOOT1 + e], buffer[FOOT2 + e] = a0 * d0 + a1 * d1 + a2 * d2, b0 * d0 + b1 * d1 + b2 * d2
@@ -190,6 +165,27 @@ def _turns(buffer):
 
 
 @inlined
+def _fade(buffer, rest_square1, rest_square2):
+    """The same of what the law sees of θ: :meth:`HingeShape.change_slopes`."""
+    for e in range(BLOCK):
+        part1, part2 = buffer[PART1 + e], buffer[PART2 + e]
+        if part1 == 1.0 and part2 == 1.0:
+            continue
+        share1, share2 = _fading(part1), _fading(part2)
+        turn = 6.0 * buffer[TURN + e] / (FADED * FADED)
+        by1, by2 = turn * share2 * (1.0 - part1) / rest_square1[e], turn * share1 * (1.0 - part2) / rest_square2[e]
+        for k in range(3):
+            axis, after, last = k * BLOCK + e, (k + 1) % 3 * BLOCK + e, (k + 2) % 3 * BLOCK + e
+            end1 = buffer[ARM1 + after] * buffer[NORMAL1 + last] - buffer[ARM1 + last] * buffer[NORMAL1 + after]
+            end2 = buffer[ARM2 + last] * buffer[NORMAL2 + after] - buffer[ARM2 + after] * buffer[NORMAL2 + last]
+            third = buffer[NORMAL1 + after] * buffer[EDGE + last] - buffer[NORMAL1 + last] * buffer[EDGE + after]
+            fourth = buffer[NORMAL2 + last] * buffer[EDGE + after] - buffer[NORMAL2 + after] * buffer[EDGE + last]
+            buffer[ON_END + axis] = share1 * share2 * buffer[ON_END + axis] + by1 * end1 + by2 * end2
+            buffer[ON_THIRD + axis] = share1 * share2 * buffer[ON_THIRD + axis] + by1 * third
+            buffer[ON_FOURTH + axis] = share1 * share2 * buffer[ON_FOURTH + axis] + by2 * fourth
+
+
+@inlined
 def _scatter(buffer, corners, gradient):
     for e in range(BLOCK):
         i, j, k, m = corners[e, 0], corners[e, 1], corners[e, 2], corners[e, 3]
@@ -209,13 +205,15 @@ def _evaluate(x, edges, tables, first, buffer, sums, rows, energy, curved):
     _gather(x, edges.corners[first:last], buffer)
     _deform(
         buffer, edges.inner[first:last], edges.rest_length[first:last], edges.rest_angle[first:last],
-        edges.size[first:last], edges.smallest, tables.stretch_scale, tables.angle_scale,
+        edges.size[first:last], edges.rest_square1[first:last], edges.rest_square2[first:last],
+        tables.stretch_scale, tables.angle_scale,
     )  # fmt: skip
     _look_up(tables, buffer, rows)
     _splines(tables, buffer, rows, sums, curved)
     scales = (tables.stretch_scale, tables.angle_scale)
     _slopes(buffer, sums, edges.size[first:last], edges.share[first:last], energy, scales)
     _turns(buffer)
+    _fade(buffer, edges.rest_square1[first:last], edges.rest_square2[first:last])
 
 
 @inlined
