@@ -1,8 +1,7 @@
 """The face of a body that is nearest to each point, compiled: a tree of boxes, and on which side points are.
 
-Libraries build a tree from scratch for a body that has moved, and know nothing of a point but its place. Here faces lie
-along a curve that fills space (Morton 1966), so that boxes of their halves, quarters, ... are the tree, and each point
-is first asked about the face of the one before it, which bounds what has to be looked at.
+Libraries build a tree from scratch for a body that has moved, and know nothing of a point but its place. Here each
+point is first asked about the face of the one before it, which bounds what has to be looked at.
 """
 
 from __future__ import annotations
@@ -15,8 +14,6 @@ from drape.scene.compiled import compiled, inlined
 
 LEAF = 4
 """Faces in a box that is not divided further, at most."""
-CELLS = 1 << 20
-"""Of the curve along each axis."""
 DEEPEST = 64
 """Boxes that wait, at most; a tree of 2^63 leaves needs no more."""
 TINY = np.finfo(np.float64).tiny
@@ -45,6 +42,11 @@ def _scaled(a, by):
 @inlined
 def _row(x, i):
     return x[i, 0], x[i, 1], x[i, 2]
+
+
+@inlined
+def _triangle(corners, f):
+    return _row(corners[f], 0), _row(corners[f], 1), _row(corners[f], 2)
 
 
 @inlined
@@ -81,43 +83,59 @@ def _closest(p, a, b, c):
 
 
 @inlined
-def _spread_bits(n):
-    """Bit k of a number of 20 bits goes to place 3 k."""
-    n = (n | n << 32) & 0x1F00000000FFFF
-    n = (n | n << 16) & 0x1F0000FF0000FF
-    n = (n | n << 8) & 0x100F00F00F00F00F
-    n = (n | n << 4) & 0x10C30C30C30C30C3
-    return (n | n << 2) & 0x1249249249249249
+def _select(order, keys, first, last, middle):
+    """Reorder ``order[first:last]`` so that what stands before ``middle`` has no larger key than what stands there."""
+    low, high = first, last - 1
+    while low < high:
+        pivot, i, j = keys[order[(low + high) // 2]], low, high
+        while i <= j:
+            while keys[order[i]] < pivot:
+                i += 1
+            while keys[order[j]] > pivot:
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i, j = i + 1, j - 1
+        if j < middle < i:
+            break
+        low, high = (low, j) if middle <= j else (i, high)
 
 
 @inlined
-def _along_curve(corners):
-    """The faces in the order in which the curve meets their centres."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+def _halved(corners, leaves):
+    """The faces leaf after leaf: all are cut into halves across the longest side of their box, and so on."""
+    order, centres = np.arange(len(corners)), np.empty((3, len(corners)))
     for f in range(len(corners)):
         for axis in range(3):
-            centre = corners[f, 0, axis] + corners[f, 1, axis] + corners[f, 2, axis]
-            low[axis], high[axis] = min(low[axis], centre), max(high[axis], centre)
-    code = np.zeros(len(corners), np.int64)
-    for f in range(len(corners)):
-        for axis in range(3):
-            centre = corners[f, 0, axis] + corners[f, 1, axis] + corners[f, 2, axis]
-            cell = (centre - low[axis]) / max(high[axis] - low[axis], TINY) * (CELLS - 1)
-            code[f] |= _spread_bits(np.int64(cell)) << axis
-    return np.argsort(code, kind="mergesort")
+            centres[axis, f] = corners[f, 0, axis] + corners[f, 1, axis] + corners[f, 2, axis]
+    parts = 1
+    while parts < leaves:
+        for part in range(parts):
+            first, last = part * len(order) // parts, (part + 1) * len(order) // parts
+            longest, side = 0, -1.0
+            for axis in range(3):
+                low, high = np.inf, -np.inf
+                for place in range(first, last):
+                    at = centres[axis, order[place]]
+                    low, high = min(low, at), max(high, at)
+                if high - low > side:
+                    longest, side = axis, high - low
+            _select(order, centres[longest], first, last, (2 * part + 1) * len(order) // (2 * parts))
+        parts *= 2
+    return order
 
 
 @inlined
-def _boxes(corners, order, leaves):
+def _boxes(corners, leaves):
     """Low and high corner of each node: 1 is the root, ``2 n`` and ``2 n + 1`` are below n, leaves are the last."""
     boxes = np.empty((2 * leaves, 6))
     boxes[:, :3], boxes[:, 3:] = np.inf, -np.inf
     for leaf in range(leaves):
         node = leaves + leaf
-        for place in range(leaf * len(order) // leaves, (leaf + 1) * len(order) // leaves):
+        for place in range(leaf * len(corners) // leaves, (leaf + 1) * len(corners) // leaves):
             for corner in range(3):
                 for axis in range(3):
-                    at = corners[order[place], corner, axis]
+                    at = corners[place, corner, axis]
                     boxes[node, axis] = min(boxes[node, axis], at)
                     boxes[node, 3 + axis] = max(boxes[node, 3 + axis], at)
     for node in range(leaves - 1, 0, -1):
@@ -139,15 +157,17 @@ def _to_box(p, boxes, node):
 @compiled
 def closest_of_tree(points, corners):
     """Number of the face [F, 3, 3] that is closest to each point [N, 3]; -1 where none is at a finite distance."""
-    order, leaves = _along_curve(corners), 1
+    leaves, guess = 1, 0
     while leaves * LEAF < len(corners):
         leaves *= 2
-    boxes, guess = _boxes(corners, order, leaves), 0
+    order = _halved(corners, leaves)
+    sorted_corners = corners[order]
+    boxes = _boxes(sorted_corners, leaves)
     found = np.full(len(points), -1)
     nodes, bounds = np.empty(DEEPEST, np.int64), np.empty(DEEPEST)
     for i in range(len(points)):
         p = _row(points, i)
-        _, best = _closest(p, _row(corners[guess], 0), _row(corners[guess], 1), _row(corners[guess], 2))
+        _, best = _closest(p, *_triangle(sorted_corners, guess))
         if not best < np.inf:
             continue
         face, waiting = guess, 1
@@ -169,11 +189,11 @@ def closest_of_tree(points, corners):
                 continue
             leaf = node - leaves
             for place in range(leaf * len(order) // leaves, (leaf + 1) * len(order) // leaves):
-                f = order[place]
-                _, square = _closest(p, _row(corners[f], 0), _row(corners[f], 1), _row(corners[f], 2))
+                _, square = _closest(p, *_triangle(sorted_corners, place))
                 if square < best:
-                    best, face = square, f
-        found[i] = guess = face
+                    best, face = square, place
+        guess = face
+        found[i] = order[face]
     return found
 
 

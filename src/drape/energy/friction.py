@@ -74,9 +74,13 @@ class Friction(EnergyTerm):
     def kernel(self, step: Step) -> Kernel | None:
         if step.x.device.type != "cpu":
             return None
-        touch, force = self.contact.pressed(step)
-        given = touch.compiled, array(self.coefficient * force), self.slip_speed * step.dt
+        given = self._compiled(step)
         return lambda x: point_kernel.friction(x, *given)
+
+    def _compiled(self, step: Step) -> tuple[point_kernel.Points, np.ndarray, float]:
+        """What the kernels need of a step."""
+        touch, force = self.contact.pressed(step)
+        return touch.compiled, array(self.coefficient * force), self.slip_speed * step.dt
 
     def _energy(self, slip: Float[Tensor, "pressed 2"], force: Tensor, touch: Touch, step: Step) -> Tensor:
         square, end = slip.square().sum(-1), self.slip_speed * step.dt
@@ -90,6 +94,10 @@ class Friction(EnergyTerm):
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
         """``μ N Tᵀ (f'/|u| I + (f'' - f'/|u|) û ûᵀ) T``: exact; f'' is never negative."""
         touch, force = self.contact.pressed(step)
+        rows = torch.arange(len(force), device=force.device)
+        if x_next.device.type == "cpu":
+            blocks = torch.from_numpy(point_kernel.friction_blocks(array(x_next), *self._compiled(step)))
+            return point_stencils(touch.points, blocks.to(x_next.dtype), rows)
         slip = _slip(x_next.detach(), touch)
         rate, drop = self._rates(slip, step.dt)
         shortest = 1e-9 * self.slip_speed * step.dt
@@ -98,7 +106,7 @@ class Friction(EnergyTerm):
         plane = rate[:, None, None] * identity - drop[:, None, None] * unit[:, :, None] * unit[:, None, :]
         tangents = touch.faces.end.tangents
         blocks = (self.coefficient * force)[:, None, None] * (tangents.mT @ plane @ tangents)
-        return point_stencils(touch.points, blocks, torch.arange(len(blocks), device=blocks.device))
+        return point_stencils(touch.points, blocks, rows)
 
     def _rates(self, slip: Float[Tensor, "pressed 2"], dt: float) -> tuple[Tensor, Tensor]:
         """``f'/|u|`` and ``f'/|u| - f''`` [1/m]."""

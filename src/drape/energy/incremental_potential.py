@@ -109,9 +109,9 @@ class IncrementalPotential(nn.Module):
 
     def evaluate(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Evaluation:
         """Energy, gradient and the energy of each term; no graph."""
-        kernels = step.once((self, "kernels"), lambda: [(term, term.kernel(step)) for term in self.terms])
-        x, summed, total, energies = array(x_next), np.zeros(x_next.shape), None, {}
-        for term, kernel in kernels:
+        made = step.once((self, "kernels"), lambda: [(t, t.kernel(step), t.relative_rounding) for t in self.terms])
+        x, summed, total, energies, rounding = array(x_next), np.zeros(x_next.shape), None, {}, 0.0
+        for term, kernel, relative in made:
             if kernel is not None:
                 energies[term.name], gradient = kernel(x)
                 summed += gradient
@@ -119,8 +119,8 @@ class IncrementalPotential(nn.Module):
                 energy, gradient = term.energy_and_gradient(x_next, step)
                 energies[term.name] = float(energy.sum())
                 total = gradient if total is None else total + gradient
+            rounding += relative * abs(energies[term.name])
         known = torch.from_numpy(summed).to(x_next)
-        rounding = sum(term.relative_rounding * abs(energies[term.name]) for term in self.terms)
         gradient = known if total is None else known + total
         return Evaluation(float(sum(energies.values())), gradient, energies, rounding)
 

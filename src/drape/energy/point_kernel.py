@@ -75,6 +75,15 @@ def contact_blocks(x, points, stiffness, thickness):
     return pushed[:count], blocks[:count]
 
 
+@inlined
+def _slip(x, points, p):
+    """How far a point has slid along the tangents."""
+    arm, tangents = _arm(x, points, p), points.tangents[p]
+    u = arm[0] * tangents[0, 0] + arm[1] * tangents[0, 1] + arm[2] * tangents[0, 2] - points.along[p, 0]
+    v = arm[0] * tangents[1, 0] + arm[1] * tangents[1, 1] + arm[2] * tangents[1, 2] - points.along[p, 1]
+    return u, v, math.sqrt(u * u + v * v)
+
+
 @compiled
 def friction(x, points, force, end):
     """``Σ force f(|u|)`` [J], u the slip of a point, and its gradient in ``x`` [N]; see :class:`Friction`.
@@ -83,10 +92,7 @@ def friction(x, points, force, end):
     """
     energy, gradient = 0.0, np.zeros(x.shape)
     for p in range(len(force)):
-        arm, tangents = _arm(x, points, p), points.tangents[p]
-        u = arm[0] * tangents[0, 0] + arm[1] * tangents[0, 1] + arm[2] * tangents[0, 2] - points.along[p, 0]
-        v = arm[0] * tangents[1, 0] + arm[1] * tangents[1, 1] + arm[2] * tangents[1, 2] - points.along[p, 1]
-        size = math.sqrt(u * u + v * v)
+        (u, v, size), tangents = _slip(x, points, p), points.tangents[p]
         rate = 1.0 / size if size > end else (2.0 - size / end) / end
         energy += force[p] * (size - end / 3.0 if size > end else size * size * (1.0 - size / (3.0 * end)) / end)
         u, v = force[p] * rate * u, force[p] * rate * v
@@ -95,6 +101,24 @@ def friction(x, points, force, end):
             for axis in range(3):
                 gradient[vertex, axis] += share * (u * tangents[0, axis] + v * tangents[1, axis])
     return energy, gradient
+
+
+@compiled
+def friction_blocks(x, points, force, end):
+    """Their Hessians ``force Tᵀ (f'/|u| I + (f'' - f'/|u|) û ûᵀ) T`` [N/m]."""
+    blocks = np.empty((len(force), 3, 3))
+    for p in range(len(force)):
+        (u, v, size), tangents = _slip(x, points, p), points.tangents[p]
+        rate = 1.0 / size if size > end else (2.0 - size / end) / end
+        drop = 1.0 / size if size > end else size / (end * end)
+        u, v = (u / size, v / size) if size > 1e-9 * end else (0.0, 0.0)
+        uu, uv, vv = force[p] * (rate - drop * u * u), -force[p] * drop * u * v, force[p] * (rate - drop * v * v)
+        for row in range(3):
+            first, second = tangents[0, row], tangents[1, row]
+            for column in range(3):
+                by_first, by_second = uu * first + uv * second, uv * first + vv * second
+                blocks[p, row, column] = by_first * tangents[0, column] + by_second * tangents[1, column]
+    return blocks
 
 
 @compiled

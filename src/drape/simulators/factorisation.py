@@ -24,9 +24,11 @@ except ImportError:
 
 SHIFTS = (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 1.0)
 """Shares of the diagonal that are added to it, one after the other, until the matrix is positive definite."""
-OPTIONS = {1: 1, 2: 2, 8: 0, 10: 13, 18: 0, 19: 0}
-"""Of PARDISO, by its numbers: not the defaults; METIS orders; no refinement of solutions, which takes twice as long as
-they do; pivots below 1e-13 count as perturbed; no counts of entries and operations. Number 28 is the precision."""
+OPTIONS = {1: 1, 8: 0, 10: 13, 18: 0, 19: 0}
+"""Of PARDISO, by its numbers: not the defaults; no refinement of solutions, which takes twice as long as they do;
+pivots below 1e-13 count as perturbed; no counts of entries and operations. Number 2 is the order, 28 the precision."""
+MANY = 10_000
+"""Rows from which on METIS finds a better order of the unknowns than minimum degree does."""
 Solve = Callable[[Float[np.ndarray, " rows"]], Float[np.ndarray, " rows"]]
 
 
@@ -121,7 +123,7 @@ class _Pardiso:
         try:
             if before is None or not _alike(before, entries):
                 self._solver.free_memory(everything=True)
-                for number, value in {**OPTIONS, 28: int(kind is np.float32)}.items():
+                for number, value in {**OPTIONS, 2: 2 * (upper.shape[0] >= MANY), 28: int(kind is np.float32)}.items():
                     self._solver.set_iparm(number, value)
                 self._call(self.ANALYSE, np.zeros(upper.shape[0]))
             self._call(self.FACTORISE, np.zeros(upper.shape[0]))
