@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -12,6 +13,7 @@ from torch import Tensor
 
 from drape.energy.incremental_potential import Evaluation, IncrementalPotential
 from drape.energy.step import Step
+from drape.energy.term import array
 from drape.simulators.factorisation import Factorisation
 from drape.simulators.simulator import Outcome
 
@@ -33,6 +35,25 @@ SHORT_OF = 0.9
 """Share of the free part of a way that a line search may go before what a barrier keeps apart would cross."""
 SUFFICIENT = 1e-4
 """Share of the predicted decrease that a step must bring (Armijo)."""
+
+
+class _Place(NamedTuple):
+    """Positions and what the potential is there."""
+
+    x: Float[Tensor, "vertices 3"]
+    found: Evaluation
+    gradient: Float[np.ndarray, " unknowns"]
+    """Of the unknowns, the coordinates of what may move [N]."""
+
+    @property
+    def residual(self) -> float:
+        """Mean norm of the unbalanced force over the free vertices [N]."""
+        norms = np.sqrt(np.square(self.gradient.reshape(-1, 3)).sum(1))
+        return float(norms.mean()) if len(norms) else 0.0
+
+    @property
+    def is_finite(self) -> bool:
+        return bool(np.isfinite(self.found.energy)) and bool(np.isfinite(self.gradient).all())
 
 
 class Minimiser:
@@ -85,57 +106,49 @@ class Minimiser:
     def _descend(
         self, starts: list[Float[Tensor, "vertices 3"]], step: Step, tolerance: float, iterations: int
     ) -> tuple[Float[Tensor, "vertices 3"], Evaluation, Outcome, int, float]:
-        x, best = self._best(starts, step)
+        tried = [self._at(x, step) for x in starts]
+        self.standing = tried[0].found
+        here = min((place for place in tried if place.is_finite), key=lambda place: place.found.energy, default=None)
         used = len(starts)
-        if best is None:
-            return starts[0], self.potential.evaluate(starts[0], step), Outcome.NOT_FINITE, used, float("nan")
-        pairs: deque[tuple[Tensor, Tensor]] = deque(maxlen=MEMORY)
+        if here is None:
+            return starts[0], self.standing, Outcome.NOT_FINITE, used, float("nan")
+        pairs: deque[tuple[np.ndarray, np.ndarray, float]] = deque(maxlen=MEMORY)
         fresh, since, (lasting, before) = False, 0, (0, 0.0) if self._is_stale else (REFRESH, float("inf"))
         gained_at, gained_from = used, float("inf")
         while True:
-            residual = self.residual(best.gradient)
-            if residual <= tolerance:
-                return x, best, Outcome.CONVERGED, used, residual
+            residual = here.residual
             if residual < 0.5 * gained_from:
                 gained_at, gained_from = used, residual
-            if used - gained_at >= STALLED:
-                return x, best, Outcome.PRECISION, used, residual
-            if used >= iterations:
-                return x, best, Outcome.ITERATIONS, used, residual
+            outcome = _ended(residual <= tolerance, used - gained_at >= STALLED, used >= iterations)
+            if outcome is not None:
+                return here.x, here.found, outcome, used, residual
             if self._rough and used > PATIENCE:
                 self._rough, since, before = False, REFRESH, 0.0
             if since >= lasting:
                 if residual > SLOW * before:
-                    self._factorise(x, step)
+                    self._factorise(here.x, step)
                     pairs.clear()
                     lasting, fresh = REFRESH if fresh else EARLY, True
                 since, before = 0, residual
-            direction = self._direction(best.gradient, pairs)
-            found, tried = self._search(x, best, direction, step, iterations - used)
+            there, tried = self._search(here, self._direction(here.gradient, pairs), step, iterations - used)
             used, since = used + tried, since + 1
-            if found is None:
+            if there is None:
                 if fresh and not pairs and used < iterations:
-                    return x, best, Outcome.PRECISION, used, residual
+                    return here.x, here.found, Outcome.PRECISION, used, residual
                 since, before = REFRESH, 0.0
                 continue
-            moved, evaluation = found
-            if best.energy - evaluation.energy > best.rounding:
+            if here.found.energy - there.found.energy > here.found.rounding:
                 gained_at = used
-            self._remember(pairs, moved - x, evaluation.gradient - best.gradient)
-            x, best = moved, evaluation
+            self._remember(pairs, here, there)
+            here = there
 
-    def _best(self, starts: list[Tensor], step: Step) -> tuple[Tensor, Evaluation | None]:
-        tried = [(x, self.potential.evaluate(x, step)) for x in starts]
-        self.standing = tried[0][1]
-        finite = [(x, e) for x, e in tried if np.isfinite(e.energy) and bool(e.gradient[self.free].isfinite().all())]
-        if not finite:
-            return starts[0], None
-        return min(finite, key=lambda pair: pair[1].energy)
+    def _at(self, x: Float[Tensor, "vertices 3"], step: Step) -> _Place:
+        found = self.potential.evaluate(x, step)
+        return _Place(x, found, self._unknowns(found.gradient))
 
-    def residual(self, gradient: Float[Tensor, "vertices 3"]) -> float:
-        """Mean norm over the free vertices [N]."""
-        free = gradient[self.free]
-        return float(free.norm(dim=-1).mean()) if len(free) else 0.0
+    def _unknowns(self, values: Float[Tensor, "vertices 3"]) -> Float[np.ndarray, " unknowns"]:
+        """Of values of all vertices those of what may move."""
+        return array(values).reshape(-1)[self._slots]
 
     def _factorise(self, x: Tensor, step: Step) -> None:
         matrix = self._of_free(self.potential.hessian(x, step, rough=self._rough))
@@ -160,51 +173,58 @@ class Minimiser:
         share = 1.0 if barrier is None else barrier.free_share(x_from, x_to, step)
         return 1.0 if share == 1.0 else SHORT_OF * share
 
-    def _solve(self, gradient: Tensor) -> Tensor:
-        right = gradient.reshape(-1)[self._slots].double().cpu().numpy()
-        solution = np.zeros(3 * len(self.free))
-        solution[self._slots] = self._factors.solve(right)
-        return torch.from_numpy(solution).to(gradient).reshape(-1, 3)
-
-    def _direction(self, gradient: Tensor, pairs: deque[tuple[Tensor, Tensor]]) -> Tensor:
-        wanted, scales = gradient * self.free[:, None], []
-        for change, turn in reversed(pairs):
-            scales.append((change * wanted).sum() / (change * turn).sum())
+    def _direction(self, gradient: np.ndarray, pairs: deque) -> Float[np.ndarray, " unknowns"]:
+        wanted, scales = gradient, []
+        for change, turn, curvature in reversed(pairs):
+            scales.append(change @ wanted / curvature)
             wanted = wanted - scales[-1] * turn
-        direction = self._solve(wanted)
-        for (change, turn), scale in zip(pairs, reversed(scales), strict=True):
-            direction = direction + (scale - (turn * direction).sum() / (change * turn).sum()) * change
+        direction = self._factors.solve(wanted)
+        for (change, turn, curvature), scale in zip(pairs, reversed(scales), strict=True):
+            direction += (scale - turn @ direction / curvature) * change
         return -direction
 
-    def _remember(self, pairs: deque, change: Tensor, turn: Tensor) -> None:
-        turn = turn * self.free[:, None]
-        curvature = (change * turn).sum()
-        if curvature > 1e-12 * change.norm() * turn.norm():
-            pairs.append((change, turn))
+    def _remember(self, pairs: deque, here: _Place, there: _Place) -> None:
+        """How the gradient turned on a way, where it did so as that of something convex."""
+        change, turn = self._unknowns(there.x - here.x), there.gradient - here.gradient
+        curvature = change @ turn
+        if curvature > 1e-12 * np.linalg.norm(change) * np.linalg.norm(turn):
+            pairs.append((change, turn, curvature))
 
     def _search(
-        self, x: Tensor, here: Evaluation, direction: Tensor, step: Step, budget: int
-    ) -> tuple[tuple[Tensor, Evaluation] | None, int]:
+        self, here: _Place, direction: Float[np.ndarray, " unknowns"], step: Step, budget: int
+    ) -> tuple[_Place | None, int]:
         """Backtrack until the energy falls enough, or, where its rounding hides that, until the slope says so."""
-        slope = float((here.gradient * direction).sum())
+        slope = float(here.gradient @ direction)
         if not slope < 0:
             return None, 0
-        share = self._free_share(x, x + direction, step)
+        way = np.zeros(3 * len(self.free))
+        way[self._slots] = direction
+        way = torch.from_numpy(way.reshape(-1, 3)).to(here.x)
+        share = self._free_share(here.x, here.x + way, step)
         for tried in range(1, max(2, min(budget, 40)) + 1):
-            moved = x + share * direction
-            if torch.equal(moved, x):
+            moved = here.x + share * way
+            if torch.equal(moved, here.x):
                 return None, tried - 1
-            there = self.potential.evaluate(moved, step)
-            gained = there.energy - here.energy
-            if gained <= SUFFICIENT * share * slope and bool(there.gradient.isfinite().all()):
-                return (moved, there), tried
-            if abs(gained) <= here.rounding:
-                along = float((there.gradient * direction).sum())
+            there = self._at(moved, step)
+            gained = there.found.energy - here.found.energy
+            if gained <= SUFFICIENT * share * slope and there.is_finite:
+                return there, tried
+            if abs(gained) <= here.found.rounding:
+                along = float(there.gradient @ direction)
                 flatter = (2 * SUFFICIENT - 1) * slope >= along >= 0.9 * slope
-                if flatter and self.residual(there.gradient) < self.residual(here.gradient):
-                    return (moved, there), tried
+                if flatter and there.residual < here.residual:
+                    return there, tried
             share *= _shorter(gained, share * slope)
         return None, tried
+
+
+def _ended(is_balanced: bool, is_stalled: bool, is_used_up: bool) -> Outcome | None:
+    """How a minimisation ends; None: not yet."""
+    if is_balanced:
+        return Outcome.CONVERGED
+    if is_stalled:
+        return Outcome.PRECISION
+    return Outcome.ITERATIONS if is_used_up else None
 
 
 def _shorter(gained: float, predicted: float) -> float:
