@@ -62,8 +62,8 @@ train: install data  ## the data if they are not there, then the paper's EUNet a
 report:  ## tables and figures of all finished runs
 	$(RUN) src/report.py
 
-test: install  ## the whole test suite
-	$(RUN) -m pytest
+test: install  ## the whole test suite, on all cores
+	$(RUN) -m pytest -n logical --dist worksteal
 
 lint: install  ## what pre-commit and the tests check as well
 	$(VENV)/bin/ruff check src tests
