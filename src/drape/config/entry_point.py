@@ -22,8 +22,9 @@ from omegaconf.errors import OmegaConfBaseException
 from drape.config.sentences import causes, did_you_mean
 from drape.errors import DrapeError
 
-CONF = Path(__file__).parents[3] / "conf"
-"""The folder of the contents pages and their groups."""
+PACKAGED = Path(__file__).parents[1] / "conf"
+CONF = PACKAGED if PACKAGED.is_dir() else Path(__file__).parents[3] / "conf"
+"""The folder of the contents pages and their groups: inside the package where that was installed from a wheel."""
 REFUSED = 2
 """Exit status when the user can put it right."""
 FULL_DISK = ("No space left on device", "Disk quota exceeded", "PytorchStreamWriter failed writing")

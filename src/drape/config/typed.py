@@ -7,6 +7,8 @@ import shlex
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import OmegaConf
 
+from drape.config.entry_point import PACKAGED
+
 
 def typed() -> list[str]:
     """The overrides of the Hydra run at hand; ``${shipped:law.ckpt}`` stays that, and not a path of this machine."""
@@ -14,5 +16,6 @@ def typed() -> list[str]:
 
 
 def command_line(program: str, overrides: list[str]) -> str:
-    """``python src/<program>.py overrides`` to be pasted into a shell."""
-    return shlex.join(["python", f"src/{program}.py", *overrides])
+    """``python src/<program>.py overrides``, or ``drape <program> overrides``, to be pasted into a shell."""
+    start = ["drape", program] if PACKAGED.is_dir() else ["python", f"src/{program}.py"]
+    return shlex.join([*start, *overrides])

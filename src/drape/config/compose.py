@@ -1,0 +1,26 @@
+"""A config from Python: what an entry point would see of a command line."""
+
+from __future__ import annotations
+
+import hydra
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import DictConfig
+
+from drape.config.entry_point import CONF
+
+
+def compose(program: str, *overrides: str) -> DictConfig:
+    """The config of ``python src/<program>.py overrides``, as in ``compose("animate", "fabric=cotton")``.
+
+    Its nodes become objects by :func:`drape.config.entry_point.instantiate`.
+
+    Raises:
+        HydraException: overrides that Hydra cannot compose.
+    """
+    before = GlobalHydra.instance().hydra
+    GlobalHydra.instance().clear()
+    try:
+        with hydra.initialize_config_dir(str(CONF), version_base=None):
+            return hydra.compose(program, list(overrides))
+    finally:
+        GlobalHydra.instance().hydra = before
