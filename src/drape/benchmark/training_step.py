@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+
 import torch
 from omegaconf import DictConfig
 
 from drape import config as conf
+from drape.benchmark.device_step import DeviceStep
 from drape.benchmark.measured import Circumstances, Measured
 from drape.benchmark.simulator_step import SimulatorStep
 from drape.data.statistics import training_statistics
@@ -16,8 +19,10 @@ from drape.training.step_cost import StepCost
 class TrainingStep:
     """Phases of a training step [ms], medians over ``repeats``; see :class:`StepCost` and :class:`SimulatorStep`.
 
+    With ``trainer=gpu`` the step of an energy on the GPU, eager and captured: :class:`DeviceStep`.
+
     Raises:
-        DrapeError: no repeats.
+        DrapeError: no repeats, or no GPU.
     """
 
     def __init__(self, repeats: int):
@@ -36,11 +41,18 @@ class TrainingStep:
         energy = conf.instantiate(config.model)
         loss = {name: conf.instantiate(term) for name, term in config.loss.items()}
         loader = data.loader(data.train_sequences, data.batch_size, seed=config.seed)
-        cost = StepCost(energy, loss, iter(loader)).measure(self.repeats)
-        beyond = cost["step"] / cost["networks"] - 1.0
+        windows = itertools.chain.from_iterable(itertools.repeat(loader))  # epoch after epoch
         title = (
             f"A training step of {conf.chosen('model')}: width {config.scale.width}, batch {config.scale.batch_size}, "
-            f"{self.repeats} steps; beyond the networks {100 * beyond:.0f} % of their forward and backward time"
+            f"{self.repeats} steps"
         )
+        if config.trainer.accelerator == "gpu":
+            if not torch.cuda.is_available():
+                raise DrapeError("trainer.accelerator: found gpu, but PyTorch sees none here; use trainer=cpu")
+            rows = DeviceStep(energy, loss, windows, torch.device("cuda")).measure(self.repeats)
+            return Measured("training_step", title, rows, f"{torch.cuda.get_device_name()}; {circumstances.text()}")
+        cost = StepCost(energy, loss, windows).measure(self.repeats)
+        beyond = cost["step"] / cost["networks"] - 1.0
+        title += f"; beyond the networks {100 * beyond:.0f} % of their forward and backward time"
         rows = [{"part": name, "ms": 1e3 * seconds} for name, seconds in cost.items()]
         return Measured("training_step", title, rows, circumstances.text())

@@ -50,9 +50,16 @@ class Window:
         return self.attributes[self.mesh.mesh_of_edge]
 
     def to(self, device: torch.device | str, **_: object) -> Window:
-        """The same window on another device."""
-        moved = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "dt"}
-        return replace(self, **{name: value.to(device) for name, value in moved.items()})
+        """The same window on another device; nobody waits for what is copied to a GPU."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "dt"}
+        to_gpu = torch.device(device).type == "cuda"
+
+        def moved(value: Tensor | MeshBatch) -> Tensor | MeshBatch:
+            if to_gpu and isinstance(value, Tensor) and not value.is_cuda:
+                return value.pin_memory().to(device, non_blocking=True)
+            return value.to(device)
+
+        return replace(self, **{name: moved(value) for name, value in values.items()})
 
     @property
     def balance(self) -> Float[Tensor, " meshes"]:

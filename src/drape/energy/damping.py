@@ -37,8 +37,9 @@ class Damping(DissipationUnits):
     ) -> Float[Tensor, "... edges inputs"]:
         rate = ((geometry.vectors - previous.vectors) * previous.direction).sum(-1) / self.stretch_scale
         edges = geometry.mesh.edges
-        shared = torch.bincount(edges.reshape(-1), minlength=geometry.x.shape[-2]).clamp(min=1).to(geometry.x)
-        moved = (geometry.x - previous.x).square().sum(-1) / (self.speed_scale * dt) ** 2 / shared
+        ends = edges.reshape(-1)
+        shared = geometry.x.new_zeros(geometry.x.shape[-2]).index_add(0, ends, geometry.x.new_ones(len(ends)))
+        moved = (geometry.x - previous.x).square().sum(-1) / (self.speed_scale * dt) ** 2 / shared.clamp(min=1.0)
         return torch.stack([rate, moved[..., edges[:, 0]] + moved[..., edges[:, 1]]], -2).mT
 
     def energies(

@@ -47,7 +47,8 @@ class HingePotential(PotentialUnits):
     def energies(
         self, inputs: Float[Tensor, "edges inputs"], attributes: Float[Tensor, "edges attributes"]
     ) -> Float[Tensor, " edges"]:
-        z = inputs / inputs.new_tensor(self.scales)
+        # filled in on the device: numbers copied there from here would be waited for
+        z = inputs / torch.cat([inputs.new_full((1,), scale) for scale in self.scales])
         seen = torch.cat([torch.asinh(z[:, :1]), torch.log1p(z[:, 1:].square())], -1)
         return 0.5 * (self.stiffness(seen, attributes) * z.square()).sum(-1)
 

@@ -8,8 +8,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from drape.data.windows import Window
 from drape.energy.step_energies import StepEnergies
-from drape.loss.disturbance import affected_edges, disturbed_vertices
+from drape.loss.disturbance import ROUNDS, affected_edges, causes, chosen_vertices, disturbed_vertices
 from drape.loss.term import LossTerm
 from drape.scene.geometry import EdgeGeometry
 
@@ -34,25 +35,52 @@ class Contrastive(LossTerm):
         self.inertia = inertia
 
     def forward(self, step: StepEnergies) -> Float[Tensor, ""]:
-        _, rise = self.rise(step)
+        if step.window.x.is_cuda:
+            rise = self.rise_everywhere(step)
+        else:
+            _, rise = self.rise(step)
         return rise.clamp(max=0.0).square().sum() / step.window.mesh.num_meshes
 
     def rise(self, step: StepEnergies) -> tuple[Int[Tensor, " disturbed"], Float[Tensor, " disturbed"]]:
         """A fresh draw of disturbed vertices i, and ``E(x_i + δ) - E(x_i)`` [J] of each with a δ of its own."""
         window, mesh = step.window, step.window.mesh
         vertices = disturbed_vertices(mesh, window.free)
+        noise = self._noise(window, vertices)
+        edges, cause = affected_edges(mesh, vertices)
+        change = self._change(step, window.x_next.index_add(0, vertices, noise), edges)
+        own = self._inertia_and_gravity(step, vertices, noise)
+        return vertices, own.index_add(0, cause, change)
+
+    def rise_everywhere(self, step: StepEnergies) -> Float[Tensor, " vertices"]:
+        """The same of every vertex, 0 of those that the draw leaves out.
+
+        All edges are evaluated, affected or not, so that the sizes of all arrays are known beforehand: a GPU is not
+        asked how many there are, and the step can be captured as a graph.
+        """
+        window, mesh = step.window, step.window.mesh
+        chosen = chosen_vertices(mesh, window.free, rounds=ROUNDS)
+        every = torch.arange(mesh.num_vertices, device=chosen.device)
+        noise = self._noise(window, every) * chosen[:, None]
+        cause = causes(mesh, torch.where(chosen, every, -1))
+        change = self._change(step, window.x_next + noise, slice(None)).masked_fill(cause < 0, 0.0)
+        own = self._inertia_and_gravity(step, every, noise)
+        return own.index_add(0, cause.clamp(min=0), change)
+
+    def _noise(self, window: Window, vertices: Int[Tensor, " disturbed"]) -> Float[Tensor, "disturbed 3"]:
+        mesh = window.mesh
         level = torch.randint(1, self.levels + 1, (mesh.num_meshes,), device=vertices.device)
         spread = self.sigma * level / self.levels
         noise = torch.randn(len(vertices), 3, dtype=window.x.dtype, device=vertices.device)
-        noise = noise * spread[mesh.mesh_of_vertex[vertices], None]
-        disturbed = EdgeGeometry(window.x_next.index_add(0, vertices, noise), mesh)
-        edges, cause = affected_edges(mesh, vertices)
-        inputs = step.energy.inputs(disturbed, step.current, window.dt)
+        return noise * spread[mesh.mesh_of_vertex[vertices], None]
+
+    def _change(
+        self, step: StepEnergies, x: Float[Tensor, "vertices 3"], edges: Int[Tensor, " affected"] | slice
+    ) -> Float[Tensor, " affected"]:
+        """What the energies of ``edges`` gain where x_next becomes ``x`` [J]."""
+        inputs = step.energy.inputs(EdgeGeometry(x, step.window.mesh), step.current, step.window.dt)
         inputs = {name: value[edges] for name, value in inputs.items()}
         energies = step.energy.energies(inputs, step.attributes[edges])
-        change = energies.total - step.next.total[edges]
-        own = self._inertia_and_gravity(step, vertices, noise)
-        return vertices, own.index_add(0, cause, change)
+        return energies.total - step.next.total[edges]
 
     def _inertia_and_gravity(self, step: StepEnergies, vertices: Tensor, noise: Tensor) -> Tensor:
         window = step.window

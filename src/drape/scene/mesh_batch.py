@@ -142,9 +142,19 @@ class MeshBatch:
         return {}
 
     def to(self, device: torch.device | str) -> MeshBatch:
-        """The same batch on another device."""
-        tensors = {f.name: getattr(self, f.name) for f in fields(self)}
-        return replace(self, **{k: v.to(device) for k, v in tensors.items() if isinstance(v, Tensor)})
+        """The same batch on another device; moved once, so that what it has computed there is computed once."""
+        device = torch.device(device)
+        if device == self.edges.device:
+            return self
+        if device not in self._elsewhere:
+            tensors = {f.name: getattr(self, f.name) for f in fields(self)}
+            moved = {name: value.to(device) for name, value in tensors.items() if isinstance(value, Tensor)}
+            self._elsewhere[device] = replace(self, **moved)
+        return self._elsewhere[device]
+
+    @cached_property
+    def _elsewhere(self) -> dict[torch.device, MeshBatch]:
+        return {}
 
     def sum_edges(self, per_edge: Float[Tensor, "... edges"]) -> Float[Tensor, "... meshes"]:
         """Sum a quantity of the edges over each mesh, in float64."""

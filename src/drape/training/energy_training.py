@@ -19,13 +19,16 @@ from drape.energy.spring_hinge import SpringHingeLaw
 from drape.energy.step_energies import StepEnergies
 from drape.errors import DrapeError
 from drape.loss.contrastive import Contrastive
-from drape.loss.term import LossTerm
+from drape.loss.term import LossTerm, loss_values
 from drape.metrics import record
 from drape.metrics.family import energy_metrics
+from drape.training.captured_step import CapturedStep
 from drape.training.schedule import Schedule
 
 LAW_WINDOWS = 1024
 """Training windows that the spring-hinge law is fitted on, evenly spaced."""
+CHECKED_EVERY = 10
+"""Steps between two looks at the losses on a GPU, which has to wait for them; checkpoints are written after one."""
 METRIC_SIGMA = 1e-5
 """Largest standard deviation of the disturbances whose violations are counted [m]."""
 
@@ -67,6 +70,9 @@ class EnergyTraining(lightning.LightningModule):
         self._make_optimizer = optimizer
         self._schedule = schedule
         self._seed = seed
+        self._captured: CapturedStep | None = None
+        self._replayed = False
+        """Whether the last step was a replay, which leaves the slopes of the parameters behind."""
 
     @staticmethod
     def supplied(data: TrajectoryDataModule) -> dict[str, object]:
@@ -87,19 +93,45 @@ class EnergyTraining(lightning.LightningModule):
         torch.manual_seed((self._seed * 1_000_003 + self.global_step) * 64 + self.global_rank)
 
     def training_step(self, window: Window, batch_idx: int) -> Tensor:
-        """The weighted sum of the loss terms of one window."""
-        step = StepEnergies(self.energy, window, training=True)
-        values = {name: term(step) for name, term in self.loss.items()}
+        """The weighted sum of the loss terms of one window; on a GPU, its slopes as well."""
+        self._replayed = self._captures(window)
+        values = self._captured.replay(window) if self._replayed else self.losses(window)
+        if not window.x.is_cuda or (self.global_step + 1) % CHECKED_EVERY == 0:
+            self._check(values)
+        logged = {f"train/loss/{name}": value.detach() for name, value in values.items()}
+        self.log_dict(logged, batch_size=window.mesh.num_meshes)
+        return values["total"]
+
+    def losses(self, window: Window) -> dict[str, Tensor]:
+        """The loss terms by name, and their weighted sum ``total``."""
+        return loss_values(self.energy, self.loss, window)
+
+    def _captures(self, window: Window) -> bool:
+        """Whether the step of this window is replayed: one process, and the mesh of the first window."""
+        if not window.x.is_cuda or self.trainer.world_size > 1:
+            return False
+        if self._captured is None:
+            self._captured = CapturedStep(self.losses, list(self.energy.parameters()), window)
+            self.on_train_batch_start(window, 0)  # the capture has drawn disturbances of its own
+        return self._captured.fits(window)
+
+    def _check(self, values: Mapping[str, Tensor]) -> None:
         for name, value in values.items():
             if not torch.isfinite(value):
                 raise DrapeError(
                     f"training stopped at step {self.global_step}: loss term {name} is {float(value)}; the last "
                     "checkpoint is from before; lower the learning rate or look at the data"
                 )
-        total = sum(self.loss[name].weight * value for name, value in values.items())
-        logged = {f"train/loss/{name}": value.detach() for name, value in values.items()}
-        self.log_dict(logged | {"train/loss/total": total.detach()}, batch_size=window.mesh.num_meshes)
-        return total
+
+    def backward(self, loss: Tensor, *args: Any, **kwargs: Any) -> None:
+        """Nothing after a replay."""
+        if not self._replayed:
+            super().backward(loss, *args, **kwargs)
+
+    def optimizer_zero_grad(self, epoch: int, batch_idx: int, optimizer: torch.optim.Optimizer) -> None:
+        """Nothing after a replay, which replaces the slopes."""
+        if not self._replayed:
+            super().optimizer_zero_grad(epoch, batch_idx, optimizer)
 
     def validation_step(self, window: Window, batch_idx: int) -> None:
         """Update the metrics."""
