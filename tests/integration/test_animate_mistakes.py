@@ -185,6 +185,8 @@ def test_a_folder_that_cannot_be_one(animate, tmp_path):
     (tmp_path / "file").write_text("")
     said = refused(animate, tmp_path, *HANGING, f"folder={tmp_path}/file/out")
     assert_says(said, "cannot use .*/file/out: Not a directory; .*choose another path")
+    said = refused(animate, tmp_path, *HANGING, "folder=/proc/out")
+    assert_says(said, "cannot use /proc/out: no folder can be made there; choose another path: folder=")
 
 
 def test_without_blender(animate, tmp_path, monkeypatch):

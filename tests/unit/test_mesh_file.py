@@ -103,6 +103,8 @@ BAD = {
     "text.glb": ("no mesh", "cannot be read as GLB"),
     "text.stl": ("no mesh", "found no triangle|cannot be read as STL"),
     "shirt.txt": ("", r"found a file of kind '.txt'; expected a folder of meshes or one of .obj, .ply, .stl, .glb"),
+    "shirt.off": ("OFF\n0 0 0\n", r"found a file of kind '.off'; convert it to PLY or OBJ"),
+    "shirt.3mf": ("", r"found a file of kind '.3mf'; it holds parts to print, in millimetres: export it"),
     "walk.bvh": ("", r"found a file of kind '.bvh'; a BVH file holds a skeleton without a skin: skin a mesh"),
     "small.obj": ("v 0 0 0\nv .001 0 0\nv 0 .001 0\nf 1 2 3\n", r"found a cloth of 0\.00141 m; .* set scene\.scale"),
     "large.obj": ("v 0 0 0\nv 170 0 0\nv 0 170 0\nf 1 2 3\n", r"found a cloth of 240 m; .* 1\.7 m in centimetres"),

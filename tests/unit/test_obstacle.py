@@ -17,7 +17,7 @@ from drape.errors import DrapeError
 from drape.reading.files import natural_order, read_file
 from drape.scene.follow import follow
 from drape.scene.obstacle import Obstacle
-from drape.scene.obstacle_file import read_obstacle
+from drape.scene.obstacle_file import read_body, read_obstacle
 from drape.scene.resample import resample
 
 BALL = trimesh.creation.icosphere(1, 0.5)
@@ -105,6 +105,13 @@ def test_a_single_mesh_stands_still(tmp_path):
 def test_unit_and_axis_of_a_body(tmp_path):
     body = read_obstacle(npz(tmp_path / "body.npz"), 0.1, 10, scale=0.01, up_axis="y")
     np.testing.assert_allclose(body.at(10).mean(axis=0), [0.01, -0.02, 0.0], atol=1e-12)
+
+
+def test_seams_of_a_body_are_closed_within_what_is_asked():
+    """The two sides of the seam are 0.01 mm apart."""
+    path = Path(__file__).parents[1] / "fixtures" / "by_hand" / "seam.obj"
+    for weld, vertices in ((None, 9), (0.0, 11), (2e-5, 9)):
+        assert read_body(path, 0.1, 1, scale=0.01, weld=weld).positions.shape[1] == vertices
 
 
 def test_files_of_a_folder_are_in_natural_order():

@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 import sys
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -112,7 +113,14 @@ def refusal(error: BaseException) -> str | None:
             return f"cannot write: {cause}; make space on the disk and run the same command again"
         if isinstance(cause, OSError) and cause.errno in NOT_A_PLACE:
             return f"cannot use {cause.filename or cause}: {cause.strerror}; {NOT_A_PLACE[cause.errno]}"
+        if isinstance(cause, FileNotFoundError) and _made_a_folder(cause):
+            return f"cannot use {cause.filename}: no folder can be made there; choose another path: folder=..."
     return None
+
+
+def _made_a_folder(error: FileNotFoundError) -> bool:
+    """Whether a folder was to be made, as in /proc, where the system says that there is none."""
+    return traceback.extract_tb(error.__traceback__)[-1].name in ("mkdir", "makedirs")
 
 
 def _unquoted(error: HydraException) -> str:

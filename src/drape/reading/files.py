@@ -30,6 +30,8 @@ NOT_MESHES = {
     ".dae": "Blender 5 reads no Collada: convert it to GLB or FBX",
     ".zprj": "export from CLO or Marvelous Designer as OBJ or Alembic",
     ".pkl": "pickles run code when they are opened: store arrays faces, positions and fps as npz",
+    ".off": "convert it to PLY or OBJ, as MeshLab does",
+    ".3mf": "it holds parts to print, in millimetres: export it from Blender or a slicer as STL or OBJ, in metres",
     ".pc2": "a point cache has no faces: export the mesh as Alembic or as npz with faces, positions and fps",
     ".mdd": "a point cache has no faces: export the mesh as Alembic or as npz with faces, positions and fps",
 }

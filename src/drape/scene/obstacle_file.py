@@ -24,6 +24,7 @@ def read_body(
     scale: float | None = None,
     up_axis: str | None = None,
     clip: str | None = None,
+    weld: float | None = None,
 ) -> ReadMesh:
     """A body in all frames of its file, at the file's own rate or, where Blender opens it, every ``dt`` [s].
 
@@ -32,14 +33,14 @@ def read_body(
     * npz or HDF5 with ``faces``, ``positions`` and perhaps ``fps``;
     * glTF, Alembic, USD, FBX: through Blender, all meshes of the file; ``clip`` if there are several.
 
-    ``fps`` [1/s] is for those that do not say theirs: folders, USD. ``scale`` and ``up_axis``: see
+    ``fps`` [1/s] is for those that do not say theirs: folders, USD. ``scale``, ``up_axis``, ``weld``: see
     :func:`drape.reading.triangles.made`.
 
     Raises:
         DrapeError: a path, a file or a topology that is no body, NaN, no known rate, no such clip.
     """
     source = read_file(path, animated=True, dt=dt, frames=frames, clip=clip)
-    return made(replace(source, fps=_rate(source, fps)), scale, up_axis)
+    return made(replace(source, fps=_rate(source, fps)), scale, up_axis, weld)
 
 
 def obstacle_of(body: ReadMesh, dt: float, frames: int) -> Obstacle:

@@ -38,6 +38,7 @@ def custom(
     body_scale: float | None,
     body_fps: float | None,
     body_clip: str | None,
+    body_weld: float | None,
     up_axis: str | None,
     body_up_axis: str | None,
     pins: Sequence[int] | Mapping[str, float] | None,
@@ -65,7 +66,7 @@ def custom(
     x = cloth.rest_positions if start is None else read_pose(start, read)
     said, worn, obstacle = [read.summary("garment")], None, None
     if body is not None:
-        worn = read_body(body, dt, frames, body_fps, body_scale, body_up_axis, body_clip)
+        worn = read_body(body, dt, frames, body_fps, body_scale, body_up_axis, body_clip, body_weld)
         unsaid = [axis is None and each.source.up is None for axis, each in ((up_axis, read), (body_up_axis, worn))]
         if unsaid[1]:
             check_upright(worn.positions[0], body)
