@@ -38,7 +38,8 @@ OTHERS = {Outcome.ITERATIONS: "iterations", Outcome.PRECISION: "precision", Outc
 NOTES = """# Numerical stability at the extremes
 
 Made by `python src/animate.py -m --config-dir sweeps --config-name stability`: {minutes:.0f} minutes of steps.
-`conf/scene/extreme.yaml` says what the cases are. Where a cell has two values, they are of float64 / float32.
+`conf/scene/extreme.yaml` says what the cases are. Where a cell has two values, they are of a law in float64 / float32;
+positions are float64 in both.
 
 * converged: of all frames; why the others did not: the maximum of iterations, the precision of the numbers.
 * residual: the largest mean unbalanced force per vertex, in weights of a vertex; the tolerance is 0.001.
