@@ -84,13 +84,21 @@ def _ends(body: AnnyBody) -> dict[str, np.ndarray]:
 
 
 def _closed(positions: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The outer surface, dense, after a morphological closing: out by :data:`CLOSED`, and in again."""
+    """The outer surface, dense, after a morphological closing: out by :data:`CLOSED`, and in again.
+
+    What is hollow once the clefts are filled, such as the mouth, is filled, too.
+    """
     low, high = positions.min(axis=0) - ROOM, positions.max(axis=0) + ROOM
     values, corner = sample_mirrored(lambda points: _distance(points, positions, faces) - CLOSED, low, high, CELL)
-    grown, grown_faces = level_surface(values, corner, CELL)
+    grown, grown_faces = _outer(values, corner)
     values, corner = sample_mirrored(lambda points: _distance(points, grown, grown_faces) + CLOSED, low, high, CELL)
+    return _outer(values, corner)
+
+
+def _outer(values: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The largest piece of a level surface."""
     pieces = trimesh.Trimesh(*level_surface(values, corner, CELL), process=False).split(only_watertight=False)
-    outer = max(pieces, key=lambda piece: len(piece.faces))  # the others are what is left of the mouth
+    outer = max(pieces, key=lambda piece: len(piece.faces))
     return np.array(outer.vertices), np.array(outer.faces, np.int64)
 
 
