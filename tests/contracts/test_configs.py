@@ -30,6 +30,8 @@ SIMULATOR = ["model=mgn_s_eunet"]
 ROUTES = {
     "train": [[], ["model=eunet_hinge"], SIMULATOR, ["model=layersnet"], ["model=hood"], ["model=est"]],
     "benchmark": [[], ["model=eunet_hinge"], SIMULATOR, ["model=hood"], ["model=est"]],
+    "animate": [[], ["scene=person"]],
+    "generate": [[], ["data=garments"]],
 }
 """What else a contents page may be told so that an option makes sense."""
 

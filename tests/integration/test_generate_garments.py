@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from drape.data.garment_hdf5 import GarmentFile
+from tests.people import needs_anny
 
 ROOT = Path(__file__).parents[2]
 SMALLEST = [
@@ -118,3 +121,18 @@ def test_an_unknown_source_is_a_sentence(tmp_path: Path) -> None:
     run = generate(tmp_path / "garments.h5", "data.source=smpl")
     assert run.returncode != 0
     assert "data.source: found 'smpl'; expected garments, recorded, cloth3d, vto" in run.stderr
+
+
+@needs_anny
+def test_people_of_anny_are_dressed_and_stored(tmp_path: Path) -> None:
+    path = tmp_path / "garments.h5"
+    run = generate(path, "workers=1", "data/shape=anny", "data.counts={train:1,test:0}", "data.kinds=[tshirt]")
+    assert run.returncode == 0, run.stderr
+    file = GarmentFile(path)
+    sequence = file.sequence("00000")
+    assert np.linalg.norm(np.diff(sequence.positions, axis=0), axis=-1).max() > 1e-4
+    assert sequence.quality["inside_worst"] <= 0.002
+    with h5py.File(path) as stored:
+        shape = json.loads(stored[f"bodies/{sequence.body}"].attrs["shape"])
+    assert set(shape) == {"gender", "age", "muscle", "weight", "height", "proportions"}
+    assert 0.4 <= shape["age"] <= 1.0

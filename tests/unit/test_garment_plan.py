@@ -12,10 +12,12 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
+from drape.blender.garment_attempt import drawn_shape
 from drape.blender.garment_choice import Choice, choose
 from drape.blender.garment_plan import make_garment_request
 from drape.config.entry_point import CONF
 from drape.errors import DrapeError
+from drape.figure.phenotype import Phenotype
 
 MATERIAL = {fabric: {"preset": fabric.capitalize()} for fabric in ("silk", "leather", "denim", "cotton")}
 SIZES = sorted(path.stem for path in (CONF / "size").glob("*.yaml"))
@@ -129,3 +131,15 @@ def test_names_of_files_are_not_part_of_the_request(data: dict) -> None:
     one, other = (make_garment_request(data | {"path": path}, MATERIAL) for path in ("a.h5", "b.h5"))
     assert one == other
     assert yaml.safe_load(yaml.safe_dump(one)) == one
+
+
+def test_people_of_anny_are_drawn_from_their_own_measures() -> None:
+    data = data_of("data/shape=anny")
+    assert make_garment_request(data, MATERIAL)["data"]["shape"]["gender"] == [0.0, 1.0]
+    first, again, other = drawn_shape(0, data), drawn_shape(0, data), drawn_shape(1, data)
+    assert isinstance(first, Phenotype)
+    assert first == again != other
+    with pytest.raises(DrapeError, match=r"data\.shape\.age: found 0\.1; expected a number from 0\.3 to 1"):
+        make_garment_request(data_of("data/shape=anny", "data.shape.age=[0.1,0.5]"), MATERIAL)
+    with pytest.raises(DrapeError, match=r"data\.shape\.girth: no such key"):
+        make_garment_request(data_of("data/shape=anny", "+data.shape.girth=[1.0,1.1]"), MATERIAL)

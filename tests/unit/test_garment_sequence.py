@@ -58,7 +58,7 @@ class FakeAttempt(Attempt):
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch):
     """``made(index, faults)``: a sequence whose k-th simulation is inside the body where ``faults[k]``."""
-    monkeypatch.setattr(garment_sequence, "draw_attempt", lambda choice, data, rng: FakeAttempt(rng))
+    monkeypatch.setattr(garment_sequence, "draw_attempt", lambda choice, data, rng, people: FakeAttempt(rng))
 
     def make(index: int, faults: list[bool]):
         calls: list[SimpleNamespace] = []
@@ -100,7 +100,7 @@ def test_a_refused_sequence_is_repaired_and_then_drawn_anew(made) -> None:
 def test_a_garment_that_cannot_be_made_is_an_attempt(made, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[int] = []
 
-    def draw(choice, data, rng):
+    def draw(choice, data, rng, people):
         drawn.append(len(drawn))
         if len(drawn) == 1:
             raise DrapeError("garment tshirt: found 2 separate pieces")
@@ -115,7 +115,7 @@ def test_a_garment_that_cannot_be_made_is_an_attempt(made, monkeypatch: pytest.M
 def test_each_attempt_draws_from_seed_sequence_and_attempt(made, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[int] = []
 
-    def draw(choice, data, rng):
+    def draw(choice, data, rng, people):
         attempt = FakeAttempt(rng)
         drawn.append(int(attempt.number))
         return attempt

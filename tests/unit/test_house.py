@@ -54,8 +54,8 @@ BANNED_WORDS = {
 }
 """Words of other fields, and what they are called here (STYLE 5.4)."""
 
-OF_OTHER_LANGUAGES = r"</?head>|\bgrid-template-columns:"
-"""What HTML and CSS call things, in the pages that are written in them."""
+OF_OTHER_LANGUAGES = r"</?head>|\bgrid-template-columns:|\"neck0\d\""
+"""What HTML and CSS call things, in the pages that are written in them, and anny two of its bones."""
 
 BANNED_FILES = {"utils", "helpers", "helper", "common", "misc", "base", "tools"}
 

@@ -12,12 +12,16 @@ from jaxtyping import Float
 
 from drape.blender.dressed_body import DressedBody
 from drape.blender.garment_choice import Choice
+from drape.blender.garment_people import load_person
 from drape.blender.garment_plan import MOTION_FILE
+from drape.figure.anny_figure import make_person
 from drape.figure.bvh import read_bvh
 from drape.figure.clear_arms import clear_arms
 from drape.figure.ease import ease_in
 from drape.figure.figure import Figure, make_figure
+from drape.figure.measures import shape_of
 from drape.figure.motions import make_motion
+from drape.figure.phenotype import Phenotype
 from drape.figure.shape import FigureShape
 from drape.figure.skinning import pose_vertices
 from drape.garment.garment import Garment, make_garment
@@ -55,14 +59,16 @@ class Attempt:
         )
 
 
-def draw_attempt(choice: Choice, data: Mapping, rng: np.random.Generator) -> Attempt:
+def draw_attempt(choice: Choice, data: Mapping, rng: np.random.Generator, people: Path | None = None) -> Attempt:
     """The figure of ``choice`` in a garment of random style and with a random motion; ``data``: the config node.
+
+    ``people``: the folder of :func:`~drape.blender.garment_people.save_people`, which people of anny come from.
 
     Raises:
         DrapeError: no such garment can be made on this figure, or a motion file cannot be read.
     """
     styles, motions, twin = rng.spawn(3)
-    figure = figure_of(choice.body, data)
+    figure = figure_of(choice.body, data, people)
     garment = make_garment(choice.kind, figure, random_style(choice.kind, styles), data["edge"]["garment"])
     if choice.motion.endswith(MOTION_FILE):
         transforms = read_bvh(Path(choice.motion), figure, data["frames"], data["fps"])
@@ -72,14 +78,20 @@ def draw_attempt(choice: Choice, data: Mapping, rng: np.random.Generator) -> Att
     return Attempt(figure, garment, ease_in(transforms, figure, data["settle"]), twin)
 
 
-def figure_of(body: int, data: Mapping) -> Figure:
-    """Figure number ``body`` of a data set: measures drawn uniformly from ``data.shape``, by (seed, body) only."""
+def figure_of(body: int, data: Mapping, people: Path | None = None) -> Figure:
+    """Figure number ``body`` of a data set; see :func:`drawn_shape`."""
+    return _kept_figure(drawn_shape(body, data), data["edge"]["body"], people and people / f"{body:03d}.npz")
+
+
+def drawn_shape(body: int, data: Mapping) -> FigureShape | Phenotype:
+    """Measures of body number ``body``: drawn uniformly from ``data.shape``, by (seed, body) only."""
     rng = np.random.default_rng([data["seed"], body])
-    shape = {measure: float(rng.uniform(*data["shape"][measure])) for measure in sorted(data["shape"])}
-    return _kept_figure(FigureShape(**shape), data["edge"]["body"])
+    return shape_of(
+        {measure: float(rng.uniform(*data["shape"][measure])) for measure in sorted(data["shape"])}, "data.shape"
+    )
 
 
 @functools.lru_cache(maxsize=64)
-def _kept_figure(shape: FigureShape, edge: float) -> Figure:
+def _kept_figure(shape: FigureShape | Phenotype, edge: float, person: Path | None) -> Figure:
     """Several sequences show the same figure."""
-    return make_figure(shape, edge)
+    return make_person(shape, load_person(person), edge) if isinstance(shape, Phenotype) else make_figure(shape, edge)

@@ -9,7 +9,10 @@ from pathlib import Path
 import yaml
 from tqdm import tqdm
 
+from drape.blender.garment_attempt import drawn_shape
+from drape.blender.garment_choice import choose
 from drape.blender.garment_part import load_garment_part
+from drape.blender.garment_people import save_people
 from drape.blender.garment_plan import make_garment_request
 from drape.blender.plan import make_plan
 from drape.blender.sequence import part_path
@@ -20,6 +23,7 @@ from drape.data.garment_schema import VERSION
 from drape.data.garment_writer import GarmentHeader, garment_writer
 from drape.data.parts_folder import OTHERWISE, claimed, parts_of
 from drape.errors import DrapeError
+from drape.figure.phenotype import Phenotype
 
 WORKER = "drape.blender.garment_worker"
 
@@ -46,6 +50,7 @@ def generate_garments(data: Mapping, material: Mapping, workers: int | str) -> t
     plan = {**make_plan(request), "schema_version": VERSION}  # parts of another meaning are not taken
     try:
         with claimed(parts, plan):
+            _make_people(parts, plan)
             _simulate(parts, plan, processes)
             _pack(parts, plan, path)
             shutil.rmtree(parts, ignore_errors=True)
@@ -59,6 +64,13 @@ def generate_garments(data: Mapping, material: Mapping, workers: int | str) -> t
 
 def _indices(plan: Mapping) -> range:
     return range(sum(plan["data"]["counts"].values()))
+
+
+def _make_people(parts: Path, plan: Mapping) -> None:
+    """Those that sequences still to be made show, if bodies are people of anny."""
+    missing = [index for index in _indices(plan) if not part_path(parts, index).exists()]
+    shapes = {body: drawn_shape(body, plan["data"]) for body in sorted({choose(i, plan).body for i in missing})}
+    save_people(parts, {body: shape for body, shape in shapes.items() if isinstance(shape, Phenotype)})
 
 
 def _simulate(parts: Path, plan: Mapping, processes: int) -> None:

@@ -11,8 +11,8 @@ from drape.data.blender_friction import HIGHEST_NUMBER, coefficient
 from drape.data.difference import flatten
 from drape.data.garment_schema import SPLITS
 from drape.errors import DrapeError
+from drape.figure.measures import ranges_of
 from drape.figure.motions import MOTIONS
-from drape.figure.shape import RANGES
 from drape.garment.style import KINDS
 
 NUMBERS = {
@@ -44,8 +44,6 @@ NUMBERS = {
 }
 """Every number of ``data``: kind, lowest and highest value; units and meaning stand in ``conf/data/garments.yaml``."""
 TEXTS = ("source", "name", "path")
-PAIRS = {f"shape.{measure}": (float, *bounds) for measure, bounds in RANGES.items()}
-"""Those that are pairs [lowest, highest]."""
 LISTS = ("kinds", "motions.train", "motions.test")
 NOT_IN_REQUEST = ("source", "name", "path")
 """Keys of ``data`` that do not change the data."""
@@ -60,10 +58,12 @@ def check_garments(data: Mapping) -> None:
         DrapeError: the key, what was found, what is expected.
     """
     flat = flatten(data)
-    check_keys(flat, [*NUMBERS, *PAIRS, *TEXTS, *LISTS], PAGE)
+    ranges = ranges_of(data.get("shape") or {})
+    pairs = {f"shape.{measure}": (float, *bounds) for measure, bounds in ranges.items()}
+    check_keys(flat, [*NUMBERS, *pairs, *TEXTS, *LISTS], PAGE)
     for key, bounds in NUMBERS.items():
         check_number(key, flat[key], bounds)
-    for key, bounds in PAIRS.items():
+    for key, bounds in pairs.items():
         check_pair(key, flat[key], bounds)
     _check_names("kinds", flat["kinds"], KINDS)
     for split in SPLITS:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 
@@ -19,13 +20,16 @@ Simulate = Callable[..., np.ndarray]
 """``drape.blender.garment_cloth.simulate_garment``, handed in so that everything here runs without Blender."""
 
 
-def make_garment_sequence(index: int, plan: Mapping, simulate: Simulate, crossing: Crossing) -> GarmentPart:
+def make_garment_sequence(
+    index: int, plan: Mapping, simulate: Simulate, crossing: Crossing, people: Path | None = None
+) -> GarmentPart:
     """Sequence ``index`` of a plan, which shows what :func:`~drape.blender.garment_choice.choose` says.
 
     Attempt k = 1, 2, ... draws style and motion from ``numpy.random.default_rng([seed, index, k])`` and from nothing
     else, the body's measures come from (seed, number of the body): the result depends neither on other sequences nor on
     who computes it. An attempt that quality control refuses is repaired: simulated once more, with
-    ``data.solver.repair`` steps per frame. If that is refused, too, the next attempt is drawn.
+    ``data.solver.repair`` steps per frame. If that is refused, too, the next attempt is drawn. ``people``: where people
+    of anny are stored, if bodies are.
 
     Raises:
         DrapeError: all ``data.reject.attempts`` attempts were refused.
@@ -34,7 +38,7 @@ def make_garment_sequence(index: int, plan: Mapping, simulate: Simulate, crossin
     refused: list[str] = []
     for number in range(1, data["reject"]["attempts"] + 1):
         try:
-            attempt = draw_attempt(choice, data, np.random.default_rng([data["seed"], index, number]))
+            attempt = draw_attempt(choice, data, np.random.default_rng([data["seed"], index, number]), people)
         except DrapeError as error:
             refused.append(str(error))
             continue

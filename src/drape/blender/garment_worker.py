@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from drape.blender.garment_part import save_garment_part
+from drape.blender.garment_people import people_of
 from drape.blender.garment_sequence import make_garment_sequence
 from drape.blender.process import serve
 from drape.errors import DrapeError
@@ -25,7 +26,7 @@ def main(parts: Path) -> None:
         plan = json.loads(manifest.read_text(encoding="utf-8"))
 
         def handle(index: int) -> int:
-            part = make_garment_sequence(index, plan, simulate_garment, crossing_faces)
+            part = make_garment_sequence(index, plan, simulate_garment, crossing_faces, people_of(parts))
             # A worker outlives a killed generator by one sequence; the folder may be another plan's by then.
             if json.loads(manifest.read_text(encoding="utf-8")) != plan:
                 raise DrapeError(f"{parts}: belongs to another plan now; run the command again")

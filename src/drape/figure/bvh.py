@@ -17,7 +17,7 @@ from drape.figure.bvh_names import match_names
 from drape.figure.figure import Figure
 from drape.figure.kinematics import forward_kinematics, joint_positions
 from drape.figure.retarget import NEXT, hinge_axis, rest_alignment
-from drape.figure.skeleton import JOINTS, PARENTS, bone_directions
+from drape.figure.skeleton import JOINTS, PARENTS
 from drape.figure.skinning import pose_vertices
 
 LOG = logging.getLogger(__name__)
@@ -88,9 +88,7 @@ def _retargeted(
     scale = _scale(found, rest, figure, path)
     directions = {joint: _direction(file, found, rest, joint) for joint in found}
     directions = {joint: direction for joint, direction in directions.items() if direction.any()}
-    aligned = rest_alignment(
-        bone_directions(figure.shape), directions, _hinges(file, found, turns, places), _level(found, rest)
-    )
+    aligned = rest_alignment(figure.directions, directions, _hinges(file, found, turns, places), _level(found, rest))
     ours = np.empty((len(turns), len(JOINTS), 3, 3))
     for joint, (name, parent) in enumerate(zip(JOINTS, PARENTS, strict=True)):
         ours[:, joint] = turns[:, found[name]] @ aligned[name] if name in found else ours[:, parent]

@@ -14,8 +14,9 @@ from drape.errors import DrapeError
 from drape.figure.body_surface import body_field
 from drape.figure.distance import SurfaceDistance
 from drape.figure.level_set import level_surface, sample_mirrored
+from drape.figure.phenotype import Phenotype
 from drape.figure.shape import FigureShape
-from drape.figure.skeleton import JOINTS, REFERENCE_HEIGHT, reference_skeleton, rest_joints
+from drape.figure.skeleton import JOINTS, REFERENCE_HEIGHT, bone_directions, reference_skeleton, rest_joints
 from drape.figure.skinning import smooth_weights, strongest
 
 CELL = 0.009
@@ -32,7 +33,12 @@ NEIGHBOURS = 6
 class Figure:
     """A body at rest in metres: z up, soles at z = 0, facing -y, its left side at +x, arms 35 degrees down."""
 
-    shape: FigureShape
+    shape: FigureShape | Phenotype
+    """What it was made from."""
+    stature: float
+    """From sole to crown [m]."""
+    directions: dict[str, Float[np.ndarray, "3"]]
+    """Unit vectors along the bones at rest."""
     rest_positions: Float[np.ndarray, "vertices 3"]
     faces: Int[np.ndarray, "faces 3"]
     """Closed, winding outwards."""
@@ -70,8 +76,7 @@ def make_figure(shape: FigureShape, edge: float = 0.0185) -> Figure:
     Raises:
         DrapeError: edges outside 1 to 4 cm.
     """
-    if not 0.01 <= edge <= 0.04:
-        raise DrapeError(f"figure: edge {edge} m; expected 0.01 to 0.04 m; choose a length in this range")
+    check_edge(edge)
     scale = shape.height / REFERENCE_HEIGHT
     values, corner = sample_mirrored(lambda points: body_field(points, shape), LOW, HIGH, CELL)
     dense, dense_faces = level_surface(values, corner, CELL)
@@ -80,6 +85,8 @@ def make_figure(shape: FigureShape, edge: float = 0.0185) -> Figure:
     bones, weights = strongest(smooth_weights(positions, faces, *reference_skeleton(shape)))
     return Figure(
         shape=shape,
+        stature=shape.height,
+        directions=bone_directions(shape),
         rest_positions=positions * scale,
         faces=faces,
         joints=rest_joints(shape),
@@ -87,3 +94,13 @@ def make_figure(shape: FigureShape, edge: float = 0.0185) -> Figure:
         weights=weights,
         surface=SurfaceDistance(dense * scale, dense_faces),
     )
+
+
+def check_edge(edge: float) -> None:
+    """Refuse a length of edges that a body cannot have.
+
+    Raises:
+        DrapeError: outside 1 to 4 cm.
+    """
+    if not 0.01 <= edge <= 0.04:
+        raise DrapeError(f"figure: edge {edge} m; expected 0.01 to 0.04 m; choose a length in this range")

@@ -36,7 +36,7 @@ def make_motion(
     if frames < 1 or not fps > 0:
         raise DrapeError(f"motion {name!r}: {frames} frames at {fps}/s; expected 1 or more and a rate above 0")
     pose: Pose = _MAKERS[name](_own_time(np.arange(frames) / fps), rng)
-    scale = figure.shape.height / REFERENCE_HEIGHT
+    scale = figure.stature / REFERENCE_HEIGHT
     transforms = forward_kinematics(figure.joints, pose.rotations(), np.zeros((frames, 3)))
     return stand(transforms, figure, fps, np.broadcast_to(pose.flight * scale, frames))
 

@@ -11,11 +11,14 @@ from jaxtyping import Float, Int
 
 from drape.contact.collisions import Collisions
 from drape.errors import DrapeError
+from drape.figure.anny_figure import make_person
+from drape.figure.anny_model import anny_body
 from drape.figure.bvh import read_bvh
 from drape.figure.clear_arms import clear_arms
 from drape.figure.ease import ease_in
 from drape.figure.figure import Figure, make_figure
 from drape.figure.motions import known_motion, make_motion
+from drape.figure.phenotype import Phenotype
 from drape.figure.shape import FigureShape
 from drape.figure.skinning import pose_vertices
 from drape.garment.garment import Garment, make_garment
@@ -75,7 +78,7 @@ class Outfit:
 
 
 def make_outfit(
-    shape: FigureShape,
+    shape: FigureShape | Phenotype,
     kinds: Sequence[str],
     motion: str,
     *,
@@ -101,7 +104,7 @@ def make_outfit(
     recorded = motion.endswith(RECORDED)
     if not recorded:
         known_motion(motion)
-    figure = make_figure(shape, body_edge)
+    figure = _figure(shape, body_edge)
     garments: list[Garment] = []
     for number, kind in enumerate(kinds):
         style = random_style(kind, np.random.default_rng([seed, number]))
@@ -113,6 +116,12 @@ def make_outfit(
     outfit = Outfit(figure, tuple(garments), ease_in(clear_arms(transforms, figure, fps), figure, settle))
     _check_apart(outfit, kinds)
     return outfit
+
+
+def _figure(shape: FigureShape | Phenotype, edge: float) -> Figure:
+    if isinstance(shape, Phenotype):
+        return make_person(shape, anny_body(shape), edge)
+    return make_figure(shape, edge)
 
 
 def _check_apart(outfit: Outfit, kinds: Sequence[str]) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 
 from drape.errors import DrapeError
-from drape.figure.shape import FigureShape
+from drape.figure.anny_model import check_anny
+from drape.figure.measures import is_person, shape_of
 from drape.garment.style import KINDS
 from drape.scene.frozen_array import frozen_floats
 from drape.scene.mass import mass_rule, vertex_masses
@@ -44,7 +44,9 @@ def person(
     below it as the first is from the body, so that none crosses another. Waistbands (skirt, trousers) are pinned and
     move with the skeleton. The garments' styles and the motion's proportions depend on ``seed`` only.
 
-    ``recording``: where a BVH file starts [s], what is up in it, and names of its joints (see :func:`read_bvh`).
+    ``figure``: measures of the project's own body (:class:`~drape.figure.shape.FigureShape`) or of a person of anny
+    (:class:`~drape.figure.phenotype.Phenotype`). ``recording``: where a BVH file starts [s], what is up in it, and
+    names of its joints (see :func:`read_bvh`).
 
     With edges of 0.0115 m the T-shirt of seed 0 has about 6000 vertices.
 
@@ -52,10 +54,13 @@ def person(
         DrapeError: packages that are missing, unknown names, measures out of range, garments that cannot be made; see
             also :func:`vertex_masses`, :class:`Scene`.
     """
-    dt, gravity, shape = frame_time(fps), frozen_floats(gravity, (3,), "scene.gravity"), _shape(figure)
+    dt, gravity = frame_time(fps), frozen_floats(gravity, (3,), "scene.gravity")
+    shape = shape_of(figure, "scene.figure")
     _check(garments, settle, frames)
     mass_rule(mass)
     _check_installed()
+    if is_person(figure):
+        check_anny()
     from drape.garment.outfit import make_outfit  # imports what may be missing
 
     print(f"making a figure, {', '.join(garments)} and the motion: some 10 seconds", file=sys.stderr, flush=True)
@@ -77,16 +82,6 @@ def person(
         obstacle=outfit.body(),
         friction=friction,
     )
-
-
-def _shape(figure: Mapping[str, float]) -> FigureShape:
-    known = [field.name for field in fields(FigureShape)]
-    for measure in figure:
-        if measure not in known:
-            raise DrapeError(
-                f"scene.figure: found {measure!r}; expected measures out of {', '.join(known)}; correct the name"
-            )
-    return FigureShape(**figure)
 
 
 def _check(garments: Sequence[str], settle: int, frames: int) -> None:
