@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import torch
@@ -115,10 +116,20 @@ class HingeShape:
         A face without area has no side, and one that rounding gives an area may be on either: s fades a hinge out with
         the area A of its two faces, ``s = Π f(A/(FADED A_rest))``, ``f(t) = t² (3 - 2t)``, 1 from ``t = 1`` on.
         """
+        if not self._fades:
+            angle = hinge_change(self.angle, rest_angle.to(self.angle), without)
+            return angle, angle
         size = self.angle.detach().norm(dim=-1, keepdim=True)
         pair = torch.where(size > 0.0, self.angle, self.angle.new_tensor([1.0, 0.0]))
         angle = hinge_change(pair / torch.where(size > 0.0, size, 1.0), rest_angle.to(pair), without)
         return self._share(1) * self._share(2) * angle, angle
+
+    @cached_property
+    def _fades(self) -> bool:
+        """Whether any face does; a GPU is not asked."""
+        if self.edge.is_cuda:
+            return True
+        return any(bool((getattr(self, f"double_area{face}") < self._faded(face)).any()) for face in (1, 2))
 
     def _share(self, face: int) -> Float[Tensor, " hinges"]:
         t = self._part(face)
@@ -136,12 +147,10 @@ class HingeShape:
         self, factor: Float[Tensor, " hinges"], angle: Float[Tensor, " hinges"]
     ) -> Float[Tensor, "12 hinges"]:
         """``factor ∂(s Δθ)/∂x`` where Δθ is ``angle``."""
+        if not self._fades:
+            return self.angle_slopes(factor)
         shares = self._share(1), self._share(2)
-        slopes = self.angle_slopes(factor * shares[0] * shares[1])
-        fading = ((shares[0] < 1.0) | (shares[1] < 1.0)).nonzero()[:, 0]
-        if len(fading):
-            slopes[:, fading] += self._share_slopes(factor * angle, shares)[:, fading]
-        return slopes
+        return self.angle_slopes(factor * shares[0] * shares[1]) + self._share_slopes(factor * angle, shares)
 
     def _share_slopes(self, factor: Tensor, shares: tuple[Tensor, Tensor]) -> Float[Tensor, "12 hinges"]:
         """``factor ∂s/∂x``: ``∂f = 6 (1 - t)/(FADED 2A_rest)² n·∂n``, n a normal as long as 2A."""
