@@ -43,6 +43,11 @@ def check_config(
         raise DrapeError("\n".join(f"conf: {problem}{_origin(config, problem)}" for problem in dict.fromkeys(problems)))
 
 
+def mistakes(tree: object, path: str) -> Iterator[str]:
+    """As :func:`check_config`, of the plain values of a single object, which the sentences call ``path``."""
+    return _walk({path: tree}, "", {})
+
+
 def _foreign_nodes(config: DictConfig, contents: str) -> Iterator[str]:
     known = contents_nodes(contents)
     for name in config:

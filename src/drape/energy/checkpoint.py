@@ -9,10 +9,9 @@ from typing import Any
 
 import torch
 from hydra.errors import InstantiationException
-from omegaconf import OmegaConf
 
 from drape import __version__
-from drape.config import instantiate
+from drape.config import build_from_file
 from drape.data.whole_file import whole_file
 from drape.data.windows import Window
 from drape.energy.eunet import EUNet
@@ -60,7 +59,7 @@ def load_energy(path: str | Path) -> EUNet:
     prefix = "energy."
     state = {k.removeprefix(prefix): v for k, v in content["state_dict"].items() if k.startswith(prefix)}
     try:
-        energy = instantiate(OmegaConf.create(content["drape"]["config"]["model"]))
+        energy = build_from_file(content["drape"]["config"]["model"], ("model", "net"), f"{path}: config.model")
         energy.load_state_dict(state)
     except (InstantiationException, RuntimeError) as error:
         made = content["drape"]["versions"]["drape"]

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 
 import torch
 from hydra.errors import InstantiationException
-from omegaconf import OmegaConf
 from torch import Tensor, nn
 
 from drape import __version__
-from drape.config import instantiate
+from drape.config import build_from_file
 from drape.energy.checkpoint import FORMAT, TOLERANCE, read_checkpoint, versions
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
@@ -79,8 +78,10 @@ def _read(path: Path, _changed: int | None) -> Trained:
     prefix = "network."
     state = {k.removeprefix(prefix): v for k, v in content["state_dict"].items() if k.startswith(prefix)}
     try:
-        model = OmegaConf.create(described["simulator"])
-        network, cloths = instantiate(model.network), instantiate(model.cloths)
+        network, cloths = (
+            build_from_file(described["simulator"][name], ("model",), f"{path}: simulator.{name}")
+            for name in ("network", "cloths")
+        )
         network.load_state_dict(state)
     except (InstantiationException, RuntimeError) as error:
         raise DrapeError(
