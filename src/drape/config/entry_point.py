@@ -9,7 +9,6 @@ import re
 import shlex
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import hydra
@@ -19,11 +18,11 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from drape.config.check import check_config
+from drape.config.resolvers import CONF, show_statistics
 from drape.config.sentences import causes, did_you_mean
 from drape.errors import DrapeError
 
-CONF = Path(__file__).parents[3] / "conf"
-"""The folder of the contents pages and their groups."""
 REFUSED = 2
 """Exit status when the user can put it right."""
 FULL_DISK = ("No space left on device", "Disk quota exceeded", "PytorchStreamWriter failed writing")
@@ -60,6 +59,7 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
         @functools.wraps(function)
         def task(config: DictConfig) -> Any:
             try:
+                check_config(config, contents=config_name)
                 return function(config)
             except Exception as error:
                 if _interrupted(error):
@@ -74,6 +74,8 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
         @functools.wraps(function)
         def run() -> None:
             os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra hands its errors over instead of printing them itself
+            if "--resolve" in sys.argv:
+                show_statistics()
             try:
                 hydra.main(version_base=None, config_path=str(CONF), config_name=config_name)(task)()
             except (KeyboardInterrupt, SystemExit) as stop:
@@ -109,6 +111,8 @@ def refusal(error: BaseException) -> str | None:
             return f"conf: {cause}: expected the name of an option, as in scene=sphere; --help lists them"
         if any(words in str(cause) for words in FULL_DISK):
             return f"cannot write: {cause}; make space on the disk and run the same command again"
+        if type(cause).__name__ == "MisconfigurationException":  # Lightning's
+            return f"conf: trainer: {cause}".rstrip(".") + "; choose another trainer=..."
         if isinstance(cause, OSError) and cause.errno in NOT_A_PLACE:
             return f"cannot use {cause.filename or cause}: {cause.strerror}; {NOT_A_PLACE[cause.errno]}"
     return None

@@ -10,7 +10,8 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from drape.config.check import mistakes
-from drape.config.entry_point import CONF, instantiate
+from drape.config.entry_point import instantiate
+from drape.config.resolvers import CONF
 from drape.errors import DrapeError
 
 TARGET = re.compile(r"""^[^#\n]*_target_: *["']?([\w.]+)""", re.MULTILINE)

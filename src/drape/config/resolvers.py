@@ -13,6 +13,8 @@ from omegaconf import DictConfig, OmegaConf
 from drape.config.sentences import did_you_mean
 from drape.errors import DrapeError
 
+CONF = Path(__file__).parents[3] / "conf"
+"""The folder of the contents pages and their groups."""
 SHIPPED = Path(__file__).parents[1] / "checkpoints"
 """Where the checkpoints and tables are that come with the program."""
 
@@ -33,6 +35,11 @@ def set_statistics(values: Mapping[str, float] | None) -> None:
         return float(values[name])
 
     OmegaConf.register_new_resolver("statistics", statistics, replace=True)
+
+
+def show_statistics() -> None:
+    """Let ``${statistics:<name>}`` say that it comes from the data, where a config is only printed."""
+    OmegaConf.register_new_resolver("statistics", lambda name: f"<{name} of the training data>", replace=True)
 
 
 def choices(group: str, hydra: DictConfig | None = None) -> list[str]:

@@ -19,9 +19,6 @@ from drape.training.callbacks import SelfDescription, Stopwatch
 from drape.training.loggers import close_loggers, open_loggers
 from drape.training.messages import silence
 
-SUPPLIED = {"datamodule": ["fabrics"], "training": ["metrics", "data"]}
-"""Arguments that the program adds itself."""
-
 
 def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> Path:
     """Train what ``config`` says, in ``folder``; continue there if it was interrupted, return the record if finished.
@@ -37,7 +34,7 @@ def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> Path:
     Raises:
         DrapeError: mistakes in the config, faulty data, or another config in the folder.
     """
-    conf.check_config(config, supplied=SUPPLIED)
+    conf.check_config(config)
     silence()
     lightning.seed_everything(config.seed, verbose=False)
     data = conf.instantiate(config.datamodule, fabrics=list(config.material))
