@@ -21,6 +21,7 @@ from drape.scene.mesh_batch import MeshBatch
 from drape.scene.scene import Scene
 from drape.simulators.neural.cloths import Cloths
 from drape.simulators.neural.neural import NeuralSimulator
+from drape.stored import reading
 
 
 class Trained(NamedTuple):
@@ -68,7 +69,11 @@ def load_simulator(path: str | Path) -> Trained:
 
 @lru_cache(maxsize=1)
 def _read(path: Path, _changed: int | None) -> Trained:
-    content = read_checkpoint(path)
+    with reading(path, "train again"):
+        return _trained(read_checkpoint(path), path)
+
+
+def _trained(content: dict[str, Any], path: Path) -> Trained:
     described = content["drape"]
     if "simulator" not in described:
         raise DrapeError(
