@@ -7,6 +7,7 @@ import functools
 import os
 import re
 import shlex
+import signal
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -27,6 +28,7 @@ REFUSED = 2
 """Exit status when the user can put it right."""
 FULL_DISK = ("No space left on device", "Disk quota exceeded", "PytorchStreamWriter failed writing")
 """What the system, HDF5 and PyTorch say of it."""
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 NOT_A_PLACE = {
     errno.EACCES: "set its permissions, or choose another path",
     errno.EPERM: "set its permissions, or choose another path",
@@ -44,15 +46,23 @@ UNQUOTED = (
 """What Hydra says of ``path=a=b.obj``, ``path=a[1].obj``, ``path=é.obj`` and ``path=a,b.obj``."""
 NO_OPTION = "Config group override must be"
 """What Hydra says of ``scene=null`` and ``scene=3``."""
-INTERRUPTED = 130
-"""Exit status after Ctrl+C, as shells count it."""
+INTERRUPTED, TERMINATED = 130, 143
+"""Exit status after Ctrl+C and after SIGTERM, as shells count them."""
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, as a scheduler sends it before it kills: an interruption like Ctrl+C."""
+
+
+def _terminate(*_: object) -> None:
+    raise Terminated
 
 
 def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], None]]:
     """Make a function of the config the entry point of the contents page ``conf/<config_name>.yaml``.
 
     What a user can put right (see :func:`refusal`) becomes one sentence and exit status 2, Ctrl+C a sentence and 130;
-    all else keeps its traceback. In a multirun the other runs go on first.
+    SIGTERM the same and 143; all else keeps its traceback. In a multirun the other runs go on first.
     """
 
     def decorate(function: Callable[[DictConfig], Any]) -> Callable[[], None]:
@@ -63,7 +73,7 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
                 return function(config)
             except Exception as error:
                 if _interrupted(error):
-                    raise KeyboardInterrupt from error
+                    raise next(c for c in causes(error) if isinstance(c, KeyboardInterrupt)) from error
                 sentence = refusal(error)
                 if sentence is not None and HydraConfig.get().mode != RunMode.MULTIRUN:
                     _stop(sentence)
@@ -76,18 +86,21 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
             os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra hands its errors over instead of printing them itself
             if "--resolve" in sys.argv:
                 show_statistics()
+            before = signal.signal(signal.SIGTERM, _terminate)
             try:
                 hydra.main(version_base=None, config_path=str(CONF), config_name=config_name)(task)()
             except (KeyboardInterrupt, SystemExit) as stop:
                 if not _interrupted(stop):
                     raise
                 _say("interrupted; the same command goes on where this one stopped")
-                sys.exit(INTERRUPTED)
+                sys.exit(TERMINATED if any(isinstance(cause, Terminated) for cause in causes(stop)) else INTERRUPTED)
             except Exception as error:
                 sentence = refusal(error)
                 if sentence is None:
                     raise
                 _stop(sentence)
+            finally:
+                signal.signal(signal.SIGTERM, before)
 
         return run
 
@@ -109,13 +122,22 @@ def refusal(error: BaseException) -> str | None:
             return _composition(cause)
         if NO_OPTION in str(cause):
             return f"conf: {cause}: expected the name of an option, as in scene=sphere; --help lists them"
-        if any(words in str(cause) for words in FULL_DISK):
+        if any(words in str(cause) for words in FULL_DISK) or _errno(cause) in FULL:
             return f"cannot write: {cause}; make space on the disk and run the same command again"
         if type(cause).__name__ == "MisconfigurationException":  # Lightning's
             return f"conf: trainer: {cause}".rstrip(".") + "; choose another trainer=..."
-        if isinstance(cause, OSError) and cause.errno in NOT_A_PLACE:
-            return f"cannot use {cause.filename or cause}: {cause.strerror}; {NOT_A_PLACE[cause.errno]}"
+        if (number := _errno(cause)) in NOT_A_PLACE:
+            place = getattr(cause, "filename", None) or cause
+            return f"cannot use {place}: {os.strerror(number)}; {NOT_A_PLACE[number]}"
     return None
+
+
+def _errno(cause: BaseException) -> int | None:
+    """The system's number of an error, also where a library only quotes it."""
+    if isinstance(cause, OSError) and cause.errno is not None:
+        return cause.errno
+    quoted = re.search(r"\berrno = (\d+)|\[Errno (\d+)\]", str(cause))
+    return int(next(filter(None, quoted.groups()))) if quoted else None
 
 
 def _unquoted(error: HydraException) -> str:

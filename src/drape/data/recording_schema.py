@@ -9,8 +9,8 @@ import numpy as np
 
 from drape.data.schema import SPLITS, Field, check_dataset, check_gravity_and_rate, check_materials, plain
 from drape.errors import DrapeError
-from drape.stored import sound
 from drape.scene.material import ATTRIBUTES
+from drape.stored import sound
 
 FORMAT = "drape recordings"
 VERSION = 1
