@@ -27,7 +27,6 @@ SHAPES_FRAMES = ("scene", "fabric", "energy", "contact", "simulator")
 
 @conf.main("animate")
 def main(config: DictConfig) -> None:
-    conf.check_config(config, contents="animate")
     if not isinstance(config.explain, bool):
         raise DrapeError(f"explain: found {config.explain!r}; expected true or false")
     check_device(config.simulator.get("device", "cpu"))

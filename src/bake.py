@@ -17,7 +17,6 @@ from drape.errors import DrapeError
 
 @conf.main("bake")
 def main(config: DictConfig) -> None:
-    conf.check_config(config, contents="bake")
     checkpoint, path = Path(config.checkpoint), Path(config.path)
     if path.suffix != ".npz":
         raise DrapeError(f"path: found {path}; expected a name that ends in .npz")

@@ -13,8 +13,6 @@ from drape import config as conf
 
 @conf.main("benchmark")
 def main(config: DictConfig) -> None:
-    supplied = {"datamodule": ["fabrics"], "training": ["metrics", "data"]}
-    conf.check_config(config, contents="benchmark", supplied=supplied)
     measured = conf.instantiate(config.measure).measure(config)
     table = measured.table()
     body = dataclasses.replace(table, title="", note="").terminal()

@@ -44,10 +44,8 @@ def swaying(number: int, frames: int = 8) -> np.ndarray:
     return x.astype(np.float32)
 
 
-@pytest.fixture(scope="session")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def write_swaying(path: Path) -> Path:
     """Eight training and four test sequences of 5 x 5 vertices, eight frames, four fabrics."""
-    path = tmp_path_factory.mktemp("data") / "swaying.h5"
     header = DatasetHeader(
         mesh=square_grid(1.0, 5),
         pinned=np.array([0, 4]),
@@ -61,6 +59,12 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows = [StoredSequence(swaying(i), fabric=i % 4, split=int(i >= 8), attempts=1) for i in range(12)]
     write_trajectories(path, header, rows, len(rows))
     return path
+
+
+@pytest.fixture(scope="session")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As :func:`write_swaying` says."""
+    return write_swaying(tmp_path_factory.mktemp("data") / "swaying.h5")
 
 
 def program(name: str, *overrides: str, **environment: str) -> subprocess.CompletedProcess:

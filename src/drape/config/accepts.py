@@ -13,6 +13,11 @@ from typing import Any, Literal, Union
 UNKNOWN = object()
 """A value that is only known later, as a statistic of the data; it fits everything."""
 
+
+class Borrowed(dict):
+    """A node that stands elsewhere, ``${model}``, and is checked there."""
+
+
 SCALARS = (bool, int, float, str)
 FITS = {bool: (bool,), int: (int, float, complex), float: (float, complex), str: (str, os.PathLike)}
 

@@ -11,36 +11,55 @@ import yaml
 from omegaconf import Container, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from drape.config.accepts import UNKNOWN, accepts
-from drape.config.entry_point import CONF
-from drape.config.resolvers import StatisticsUnknown
+from drape.config.accepts import UNKNOWN, Borrowed, accepts
+from drape.config.kinds import of_another_kind
+from drape.config.ranges import out_of_range
+from drape.config.resolvers import CONF, StatisticsUnknown
 from drape.config.sentences import causes, did_you_mean
 from drape.config.target import locate, why_not
 from drape.errors import DrapeError
 
+SUPPLIED = {"datamodule": ["fabrics"], "training": ["metrics", "data"]}
+"""Arguments that the program adds itself, by the path of the object."""
 INSTRUCTIONS = {"_target_", "_partial_", "_recursive_", "_convert_", "_args_"}
 """What Hydra keeps for itself beside the arguments of a ``_target_``."""
 
 
 def check_config(
-    config: DictConfig, *, contents: str = "train", supplied: Mapping[str, Collection[str]] | None = None
+    config: DictConfig, *, contents: str = "train", supplied: Mapping[str, Collection[str]] = SUPPLIED
 ) -> None:
     """Refuse a config with mistakes, all of them in one message, a line each: where, found, expected, what to do.
 
     Found are: top-level nodes that ``conf/<contents>.yaml`` does not have; values that no option of their group has;
     values that are not set (``???``); interpolations without a value; a ``_target_`` that cannot be imported;
-    arguments that it does not have, lacks, or whose values are not of the annotated type; members of a family (losses,
-    callbacks) without a ``_target_``. ``supplied`` names the arguments that the program adds itself, by the dotted
-    path of the object.
+    arguments that it does not have, lacks, or whose values are not of the annotated type; values of another kind than
+    all options give them; numbers out of their range; members of a family (losses, callbacks) without a ``_target_``.
+    ``supplied`` names the arguments that the program adds itself, by the dotted path of the object.
 
     Raises:
         DrapeError: there is at least one mistake.
     """
     problems = [*_foreign_nodes(config, contents), *_foreign_values(config)]
     tree = _plain(config, "", problems)
-    problems += _walk(tree, "", supplied or {})
+    problems += _walk(tree, "", supplied)
+    problems += [*of_another_kind(tree, CONF, contents), *out_of_range(tree)]
     if problems:
-        raise DrapeError("\n".join(f"conf: {problem}{_origin(config, problem)}" for problem in dict.fromkeys(problems)))
+        told = _first_of_each(problems)
+        raise DrapeError("\n".join(f"conf: {problem}{_origin(config, problem)}" for problem in told))
+
+
+def _first_of_each(problems: list[str]) -> list[str]:
+    """One problem for each value."""
+    first: dict[str, str] = {}
+    for problem in problems:
+        first.setdefault(problem.partition(": ")[0] if ": found" in problem else problem, problem)
+    return list(first.values())
+
+
+def mistakes(tree: object, path: str) -> Iterator[str]:
+    """As :func:`check_config`, of the plain values of a single object, which the sentences call ``path``."""
+    yield from _walk({path: tree}, "", {})
+    yield from out_of_range({path: tree})
 
 
 def _foreign_nodes(config: DictConfig, contents: str) -> Iterator[str]:
@@ -82,10 +101,6 @@ def _origin(config: DictConfig, problem: str) -> str:
     return f" (the value is that of {origin}{choose})"
 
 
-class _Borrowed(dict):
-    """A node that stands elsewhere, ``${model}``, and is checked there."""
-
-
 def _plain(node: Container, path: str, problems: list[str]) -> Any:
     """``node`` as plain lists and dicts, UNKNOWN for values that come later; values without a value are reported."""
     is_dict = isinstance(node, DictConfig)
@@ -105,7 +120,8 @@ def _plain(node: Container, path: str, problems: list[str]) -> Any:
         if not isinstance(value, Container):
             plain[key] = value
         elif OmegaConf.is_interpolation(node, key):
-            plain[key] = _Borrowed(_plain(value, where, [])) if isinstance(value, DictConfig) else UNKNOWN
+            borrowed = _plain(value, where, [])
+            plain[key] = Borrowed(borrowed) if isinstance(value, DictConfig) else borrowed
         else:
             plain[key] = _plain(value, where, problems)
     return plain if is_dict else list(plain.values())
@@ -121,7 +137,7 @@ def _why_unresolved(path: str, error: BaseException) -> str:
 
 
 def _walk(tree: Any, path: str, supplied: Mapping[str, Collection[str]]) -> Iterator[str]:
-    if not isinstance(tree, dict | list) or isinstance(tree, _Borrowed):
+    if not isinstance(tree, dict | list) or isinstance(tree, Borrowed):
         return
     members = tree.items() if isinstance(tree, dict) else enumerate(tree)
     for key, value in members:

@@ -6,7 +6,7 @@ import hydra
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig
 
-from drape.config.entry_point import CONF
+from drape.config.resolvers import CONF
 
 
 def compose(program: str, *overrides: str) -> DictConfig:

@@ -7,10 +7,10 @@ import functools
 import os
 import re
 import shlex
+import signal
 import sys
 import traceback
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import hydra
@@ -20,16 +20,16 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from drape.config.check import check_config
+from drape.config.resolvers import CONF, show_statistics
 from drape.config.sentences import causes, did_you_mean
 from drape.errors import DrapeError
 
-PACKAGED = Path(__file__).parents[1] / "conf"
-CONF = PACKAGED if PACKAGED.is_dir() else Path(__file__).parents[3] / "conf"
-"""The folder of the contents pages and their groups: inside the package where that was installed from a wheel."""
 REFUSED = 2
 """Exit status when the user can put it right."""
 FULL_DISK = ("No space left on device", "Disk quota exceeded", "PytorchStreamWriter failed writing")
 """What the system, HDF5 and PyTorch say of it."""
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 NOT_A_PLACE = {
     errno.EACCES: "set its permissions, or choose another path",
     errno.EPERM: "set its permissions, or choose another path",
@@ -47,25 +47,34 @@ UNQUOTED = (
 """What Hydra says of ``path=a=b.obj``, ``path=a[1].obj``, ``path=é.obj`` and ``path=a,b.obj``."""
 NO_OPTION = "Config group override must be"
 """What Hydra says of ``scene=null`` and ``scene=3``."""
-INTERRUPTED = 130
-"""Exit status after Ctrl+C, as shells count it."""
+INTERRUPTED, TERMINATED = 130, 143
+"""Exit status after Ctrl+C and after SIGTERM, as shells count them."""
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, as a scheduler sends it before it kills: an interruption like Ctrl+C."""
+
+
+def _terminate(*_: object) -> None:
+    raise Terminated
 
 
 def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], None]]:
     """Make a function of the config the entry point of the contents page ``conf/<config_name>.yaml``.
 
     What a user can put right (see :func:`refusal`) becomes one sentence and exit status 2, Ctrl+C a sentence and 130;
-    all else keeps its traceback. In a multirun the other runs go on first.
+    SIGTERM the same and 143; all else keeps its traceback. In a multirun the other runs go on first.
     """
 
     def decorate(function: Callable[[DictConfig], Any]) -> Callable[[], None]:
         @functools.wraps(function)
         def task(config: DictConfig) -> Any:
             try:
+                check_config(config, contents=config_name)
                 return function(config)
             except Exception as error:
                 if _interrupted(error):
-                    raise KeyboardInterrupt from error
+                    raise next(c for c in causes(error) if isinstance(c, KeyboardInterrupt)) from error
                 sentence = refusal(error)
                 if sentence is not None and HydraConfig.get().mode != RunMode.MULTIRUN:
                     _stop(sentence)
@@ -76,18 +85,23 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
         @functools.wraps(function)
         def run() -> None:
             os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra hands its errors over instead of printing them itself
+            if "--resolve" in sys.argv:
+                show_statistics()
+            before = signal.signal(signal.SIGTERM, _terminate)
             try:
                 hydra.main(version_base=None, config_path=str(CONF), config_name=config_name)(task)()
             except (KeyboardInterrupt, SystemExit) as stop:
                 if not _interrupted(stop):
                     raise
                 _say("interrupted; the same command goes on where this one stopped")
-                sys.exit(INTERRUPTED)
+                sys.exit(TERMINATED if any(isinstance(cause, Terminated) for cause in causes(stop)) else INTERRUPTED)
             except Exception as error:
                 sentence = refusal(error)
                 if sentence is None:
                     raise
                 _stop(sentence)
+            finally:
+                signal.signal(signal.SIGTERM, before)
 
         return run
 
@@ -109,13 +123,24 @@ def refusal(error: BaseException) -> str | None:
             return _composition(cause)
         if NO_OPTION in str(cause):
             return f"conf: {cause}: expected the name of an option, as in scene=sphere; --help lists them"
-        if any(words in str(cause) for words in FULL_DISK):
+        if any(words in str(cause) for words in FULL_DISK) or _errno(cause) in FULL:
             return f"cannot write: {cause}; make space on the disk and run the same command again"
-        if isinstance(cause, OSError) and cause.errno in NOT_A_PLACE:
-            return f"cannot use {cause.filename or cause}: {cause.strerror}; {NOT_A_PLACE[cause.errno]}"
+        if type(cause).__name__ == "MisconfigurationException":  # Lightning's
+            return f"conf: trainer: {cause}".rstrip(".") + "; choose another trainer=..."
+        if (number := _errno(cause)) in NOT_A_PLACE:
+            place = getattr(cause, "filename", None) or cause
+            return f"cannot use {place}: {os.strerror(number)}; {NOT_A_PLACE[number]}"
         if isinstance(cause, FileNotFoundError) and _made_a_folder(cause):
             return f"cannot use {cause.filename}: no folder can be made there; choose another path: folder=..."
     return None
+
+
+def _errno(cause: BaseException) -> int | None:
+    """The system's number of an error, also where a library only quotes it."""
+    if isinstance(cause, OSError) and cause.errno is not None:
+        return cause.errno
+    quoted = re.search(r"\berrno = (\d+)|\[Errno (\d+)\]", str(cause))
+    return int(next(filter(None, quoted.groups()))) if quoted else None
 
 
 def _made_a_folder(error: FileNotFoundError) -> bool:

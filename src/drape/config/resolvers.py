@@ -13,6 +13,9 @@ from omegaconf import DictConfig, OmegaConf
 from drape.config.sentences import did_you_mean
 from drape.errors import DrapeError
 
+PACKAGED = Path(__file__).parents[1] / "conf"
+CONF = PACKAGED if PACKAGED.is_dir() else Path(__file__).parents[3] / "conf"
+"""The folder of the contents pages and their groups: inside the package where that was installed from a wheel."""
 SHIPPED = Path(__file__).parents[1] / "checkpoints"
 """Where the checkpoints and tables are that come with the program."""
 
@@ -33,6 +36,11 @@ def set_statistics(values: Mapping[str, float] | None) -> None:
         return float(values[name])
 
     OmegaConf.register_new_resolver("statistics", statistics, replace=True)
+
+
+def show_statistics() -> None:
+    """Let ``${statistics:<name>}`` say that it comes from the data, where a config is only printed."""
+    OmegaConf.register_new_resolver("statistics", lambda name: f"<{name} of the training data>", replace=True)
 
 
 def choices(group: str, hydra: DictConfig | None = None) -> list[str]:
@@ -66,12 +74,25 @@ def _shipped(name: str) -> str:
 def _estimates(path: str) -> dict[str, dict[str, float]]:
     """``${estimates:<path>}``: what EST has found, from the ``estimates.json`` of its training."""
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))["estimates"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        estimates = json.loads(Path(path).read_text(encoding="utf-8"))["estimates"]
+        for fabric, numbers in estimates.items():
+            for name, value in numbers.items():
+                _check_estimate(fabric, name, value)
+        return estimates
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        why = str(error) if isinstance(error, DrapeError) else type(error).__name__
         raise DrapeError(
-            f"conf: ${{estimates:{path}}}: {type(error).__name__}: cannot be read; expected the estimates.json of "
+            f"conf: ${{estimates:{path}}}: {why}: cannot be read; expected the estimates.json of "
             "python src/train.py model=est"
         ) from None
+
+
+def _check_estimate(fabric: str, name: str, value: object) -> None:
+    """What a config takes in must not be read as a config: no instruction, no interpolation, only numbers."""
+    if any(word.startswith("_") or "${" in word for word in (fabric, name)):
+        raise DrapeError(f"{fabric}.{name}: found what is no name")
+    if type(value) not in (int, float) or not 0 < value < float("inf"):
+        raise DrapeError(f"{fabric}.{name}: found {value!r}; expected a finite number above 0")
 
 
 def _fabric_names(fabric: str | Mapping[str, str]) -> DictConfig:

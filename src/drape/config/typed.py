@@ -7,7 +7,7 @@ import shlex
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import OmegaConf
 
-from drape.config.entry_point import PACKAGED
+from drape.config.resolvers import PACKAGED
 
 
 def typed() -> list[str]:

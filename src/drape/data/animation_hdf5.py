@@ -13,11 +13,12 @@ from jaxtyping import Float, Int
 
 from drape.data.form_hdf5 import Forms, read_forms
 from drape.data.hdf5 import open_hdf5
-from drape.data.schema import Field, check_field, plain
+from drape.data.schema import Field, check_field, check_kinds, plain
 from drape.errors import DrapeError
 from drape.scene.obstacle import Obstacle
 from drape.scene.scene import Scene
 from drape.scene.state import State, Trajectory
+from drape.stored import reading, sound
 
 FORMAT = "drape animation"
 VERSION = 1
@@ -114,7 +115,9 @@ class AnimationFile:
         self.path = Path(path)
         self._file = open_hdf5(self.path, COMMAND)
         try:
-            self._check()
+            with reading(self.path, f"make it again with: {COMMAND}"):
+                self._check()
+                self._check_values()
         except DrapeError:
             self.close()
             raise
@@ -130,12 +133,29 @@ class AnimationFile:
         missing = [name for name in ATTRIBUTES if name not in self._file.attrs]
         if missing:
             raise DrapeError(f"{self.path}: attributes: missing {', '.join(missing)}; make it again with: {COMMAND}")
+        check_kinds(self._file.attrs, self.path)
         lengths: dict[str, int] = {}
         for entry in (*FIELDS, *(BODY if "body" in self._file else ())):
             check_field(self._file, self.path, entry, lengths)
         for name in plain(self._file.attrs["columns"]):
             unit = plain(self._file[f"numbers/{name}"].attrs["units"]) if f"numbers/{name}" in self._file else "1"
             check_field(self._file, self.path, Field(f"numbers/{name}", ("frames",), "float64", unit, ""), lengths)
+
+    def _check_values(self) -> None:
+        """What no animation can have: faces of no vertex, nothing that weighs, frames that are not finite."""
+        header, vertices = self.header, len(self.header.rest_positions)
+        if not (header.faces.min() >= 0 and header.faces.max() < vertices):
+            raise DrapeError(f"{self.path}: mesh/faces: found {header.faces.max()}; expected 0..{vertices - 1}")
+        if not sound(header.rest_positions).all():
+            raise DrapeError(f"{self.path}: mesh/rest_positions: found a number that is not finite")
+        if not (header.mass > 0).all():
+            raise DrapeError(f"{self.path}: mesh/mass: found {header.mass.min()}; expected numbers above 0 [kg]")
+        if not self.num_frames <= header.frames:
+            raise DrapeError(f"{self.path}: x: found {self.num_frames} frames; expected at most {header.frames}")
+        for name in ("x", "v"):
+            for frame in range(self.num_frames):
+                if not sound(self._file[name][frame]).all():
+                    raise DrapeError(f"{self.path}: {name}: frame {frame}: found a number that is not finite")
 
     def __enter__(self) -> AnimationFile:
         return self

@@ -15,6 +15,7 @@ from drape.data.hdf5 import open_hdf5
 from drape.data.schema import plain
 from drape.errors import DrapeError
 from drape.scene.mesh import ClothMesh
+from drape.stored import reading, sound
 
 __all__ = ["GarmentFile", "GarmentSequence", "GarmentWindow"]
 
@@ -32,7 +33,8 @@ class GarmentFile:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        with open_hdf5(self.path, "python src/generate.py data=garments") as file:
+        command = "python src/generate.py data=garments"
+        with open_hdf5(self.path, command) as file, reading(self.path, "make the file again"):
             self.index = GarmentIndex.of_file(file, self.path)
         self._stamp = self._found_stamp()
         self._meshes: dict[str, ClothMesh] = {}
@@ -154,7 +156,7 @@ class GarmentFile:
         stored = np.ndarray(shape, kind, buffer=self._map if np.prod(shape) else None, offset=offset)[start:stop]
         if stored.dtype.kind != "f":
             return stored.astype(np.int64)
-        finite = np.isfinite(stored)
+        finite = sound(stored)
         if not finite.all():
             row = start + int(np.argmin(finite.reshape(len(stored), -1).all(axis=1)))
             raise DrapeError(

@@ -22,10 +22,21 @@ from drape.data.garment_schema import (
     SPLITS,
 )
 from drape.data.garment_version import READABLE, mend
-from drape.data.schema import MATERIAL_ATTRIBUTES, Field, check_dataset, plain
+from drape.data.schema import (
+    MATERIAL_ATTRIBUTES,
+    Field,
+    check_dataset,
+    check_gravity_and_rate,
+    check_material,
+    plain,
+)
 from drape.errors import DrapeError
+from drape.stored import attribute
 
 AGAIN = "make the file again"
+
+TEXTS = ("kind", "body", "garment", "fabric", "motion", "split")
+"""Attributes of groups."""
 
 
 class Layout(NamedTuple):
@@ -160,11 +171,7 @@ def _attributes(file: h5py.File, path: Path) -> dict[str, object]:
         if name not in file.attrs:
             raise DrapeError(f"{path}: attribute {name}: missing; expected {meaning}; {AGAIN}")
     values = {name: plain(value) for name, value in file.attrs.items()}
-    gravity, dt, fps = (np.asarray(values[name]) for name in ("gravity", "dt", "fps"))
-    if gravity.shape != (3,) or not np.isfinite(gravity).all():
-        raise DrapeError(f"{path}: attribute gravity: found {plain(gravity)}; expected three numbers [m/s2]; {AGAIN}")
-    if not (dt > 0 and fps > 0 and np.isclose(dt * fps, 1.0)):
-        raise DrapeError(f"{path}: attributes dt and fps: found {dt} s and {fps} 1/s; expected dt = 1 / fps > 0")
+    check_gravity_and_rate(file, path)
     return values
 
 
@@ -173,6 +180,7 @@ def _material(file: h5py.File, path: Path, fabric: str) -> dict:
     missing = [name for name in MATERIAL_ATTRIBUTES if group is None or name not in group.attrs]
     if missing:
         raise DrapeError(f"{path}: materials/{fabric}: missing {', '.join(missing)}; {AGAIN}")
+    check_material(group.attrs, path, fabric, MATERIAL_ATTRIBUTES)
     return {name: plain(value) for name, value in group.attrs.items()}
 
 
@@ -181,6 +189,8 @@ def _group_attributes(group: h5py.Group, path: Path, kind: str) -> dict:
     for name, meaning in GROUP_ATTRIBUTES[kind].items():
         if name not in values:
             raise DrapeError(f"{path}: {group.name[1:]}: attribute {name}: missing; expected {meaning}; {AGAIN}")
+        if name in TEXTS:
+            attribute(path, f"{name} of {group.name[1:]}", values[name], "a text")
         if name in JSON_ATTRIBUTES:
             try:
                 values[name] = json.loads(values[name])

@@ -14,6 +14,7 @@ from drape.data import schema
 from drape.data.piece import Piece
 from drape.errors import DrapeError
 from drape.scene.mesh import ClothMesh
+from drape.stored import check_hdf5, reading
 
 
 class TrajectoryFile:
@@ -30,7 +31,10 @@ class TrajectoryFile:
         self.path = Path(path)
         self._handle: h5py.File | None = None
         self._process = -1
-        schema.check_file(self._file(), self.path)
+        file = self._file()
+        with reading(self.path, "generate the file again"):
+            schema.check_file(file, self.path)
+            self.mesh  # noqa: B018  # a mesh that is no cloth is refused now
 
     def __getstate__(self) -> dict:
         state = {**self.__dict__, "_handle": None, "_process": -1}
@@ -154,9 +158,16 @@ def open_hdf5(path: Path, command: str) -> h5py.File:
     if not path.is_file():
         raise DrapeError(f"{path}: no such file; make it with: {command}")
     try:
-        return h5py.File(path, "r")
+        file = h5py.File(path, "r")
     except OSError as error:
         raise DrapeError(
             f"{path}: found {path.stat().st_size} bytes that are no whole HDF5 file ({error}); it is cut off or "
             f"something else: move it away and run {command}"
         ) from None
+    try:
+        with reading(path, f"make it again with: {command}"):
+            check_hdf5(file, path)
+    except DrapeError:
+        file.close()
+        raise
+    return file

@@ -15,6 +15,7 @@ from drape.data.piece import Piece
 from drape.data.schema import SPLITS, plain
 from drape.errors import DrapeError
 from drape.scene.mesh import ClothMesh
+from drape.stored import reading
 
 
 class RecordingFile:
@@ -29,7 +30,8 @@ class RecordingFile:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         with open_hdf5(self.path, f"python src/generate.py data=recorded data.path={self.path}") as file:
-            layout.check_file(file, self.path)
+            with reading(self.path, "convert the recordings again"):
+                layout.check_file(file, self.path)
             self._attributes = {name: plain(value) for name, value in file.attrs.items()}
             self.fabrics: tuple[str, ...] = tuple(self._attributes["fabrics"])
             self.materials = {

@@ -10,6 +10,7 @@ import numpy as np
 from drape.data.schema import SPLITS, Field, check_dataset, check_gravity_and_rate, check_materials, plain
 from drape.errors import DrapeError
 from drape.scene.material import ATTRIBUTES
+from drape.stored import sound
 
 FORMAT = "drape recordings"
 VERSION = 1
@@ -113,6 +114,6 @@ def _check_sequence(file: h5py.File, path: Path, number: int, pieces: list[int])
     check_dataset(group.get("positions"), path, field, {"vertices": pieces[group.attrs["piece"]]})
     if group["positions"].id.get_offset() is None:
         raise DrapeError(f"{where}: positions: found chunks or compression; expected numbers that lie as they are")
-    finite = np.isfinite(group["positions"][:]).all(axis=(1, 2))
+    finite = sound(group["positions"][:]).all(axis=(1, 2))
     if not finite.all():
         raise DrapeError(f"{where}: positions: frame {int(np.argmin(finite))}: found a number that is not finite")

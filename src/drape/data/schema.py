@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,11 +10,14 @@ import h5py
 import numpy as np
 
 from drape.errors import DrapeError
+from drape.stored import attribute, sound
 
 FORMAT = "drape trajectories"
 VERSION = 1
 PERHAPS_NONE = ("pinned",)
 """Dimensions of a dataset that may be empty."""
+LARGE = 3
+"""Dimensions of arrays with frames, which are checked frame by frame where they are read, as meshes are as meshes."""
 SPLITS = ("train", "test")
 """``split[i]`` is an index into this tuple."""
 
@@ -67,6 +70,25 @@ MATERIAL_ATTRIBUTES = {
 """Attributes that every group materials/<fabric> has; it holds all other settings of the preset as well."""
 
 
+KINDS = {
+    "drape_version": "a text", "blender_version": "a text", "source": "a text", "up_axis": "'z'", "config": "a text",
+    "fabric": "a text", "fabrics": "names", "fps": "a number above 0", "dt": "a number above 0",
+    "gravity": "three numbers", "frames_wanted": "a whole number from 1 on", "seed": "a whole number from 0 on",
+}  # fmt: skip
+"""Of attributes, whichever file has them."""
+
+
+def check_kinds(attributes: Mapping[str, object], path: Path) -> None:
+    """Check the attributes of a file that :data:`KINDS` knows.
+
+    Raises:
+        DrapeError: path, name, what was found, what was expected.
+    """
+    for name, expected in KINDS.items():
+        if name in attributes:
+            attribute(path, name, plain(attributes[name]), expected)
+
+
 def plain(value: object) -> object:
     """An HDF5 attribute as Python values."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
@@ -107,6 +129,7 @@ def check_gravity_and_rate(file: h5py.File, path: Path) -> None:
     Raises:
         DrapeError: gravity that is not three numbers, or dt that is not 1 / fps.
     """
+    check_kinds(file.attrs, path)
     gravity, dt, fps = (np.asarray(file.attrs[name]) for name in ("gravity", "dt", "fps"))
     if gravity.shape != (3,) or not np.isfinite(gravity).all():
         raise DrapeError(f"{path}: attribute gravity: found {plain(gravity)}; expected three numbers [m/s2]")
@@ -142,6 +165,9 @@ def check_dataset(dataset: object, path: Path, field: Field, lengths: dict[str, 
         raise DrapeError(
             f"{path}: {field.name}: found {dataset.dtype} of shape {shape}; {expected}; generate the file again"
         )
+    checked_later = dataset.ndim >= LARGE or not field.meaning or field.name.endswith("rest_positions")
+    if dataset.dtype.kind == "f" and not checked_later and not sound(dataset[()]).all():
+        raise DrapeError(f"{path}: {field.name}: found a number that is not finite; expected {field.meaning}")
     unit = plain(dataset.attrs.get("units", "nothing"))
     if unit != field.unit:
         raise DrapeError(f"{path}: {field.name}: attribute units: found {unit!r}; expected {field.unit!r}")
@@ -158,6 +184,18 @@ def check_materials(file: h5py.File, path: Path, names: Iterable[str], cure: str
         missing = [name for name in names if group is None or name not in group.attrs]
         if missing:
             raise DrapeError(f"{path}: materials/{fabric}: missing {', '.join(missing)}; {cure}")
+        check_material(group.attrs, path, fabric, names)
+
+
+def check_material(values: Mapping[str, object], path: Path, fabric: str, names: Iterable[str]) -> None:
+    """Check the kinds of the settings ``names`` of a fabric.
+
+    Raises:
+        DrapeError: path, fabric, setting, what was found, what was expected.
+    """
+    kinds = {"preset": "a text", "mass_per_vertex": "a number above 0"}
+    for name in names:
+        attribute(path, f"{name} of materials/{fabric}", plain(values[name]), kinds.get(name, "a number from 0 on"))
 
 
 def _check_indices(file: h5py.File, path: Path, vertices: int) -> None:
@@ -183,7 +221,7 @@ def _check_positions(positions: h5py.Dataset, path: Path) -> None:
             f"training maps them; repack them: h5repack -f positions:NONE -l positions:CONTI {path} repacked.h5"
         )
     for sequence in range(positions.shape[0]):
-        finite = np.isfinite(positions[sequence]).all(axis=(1, 2))
+        finite = sound(positions[sequence]).all(axis=(1, 2))
         if not finite.all():
             raise DrapeError(
                 f"{path}: positions: sequence {sequence}, frame {int(np.argmin(finite))}: found a number that is not "

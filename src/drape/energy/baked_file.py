@@ -71,10 +71,11 @@ def read_baked(path: str | Path) -> BakedHinges:
         for name, value in numbers.items():
             _check(path, name, value)
         law = _law(content, numbers)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         if isinstance(error, DrapeError):
             raise
         raise DrapeError(f"{path}: damaged: {type(error).__name__} {error}; bake it again") from error
+    _check_content(path, law)
     for name, share in law.samples.differences(law).items():
         promised = getattr(law.certificate, name)
         if not share <= promised * (1.0 + ROUNDING) + ROUNDING < np.inf:
@@ -134,6 +135,19 @@ def _check(path: Path, name: str, value: np.ndarray) -> None:
     wrong = ~(np.isfinite(value) & right)
     if wrong.any():
         raise DrapeError(f"{path}: {name}: found {value[wrong][0]}; expected finite numbers {sign}; bake it again")
+
+
+def _check_content(path: Path, law: BakedHinges) -> None:
+    """Refuse a fabric that cannot be, and a certificate that is none."""
+    if not isinstance(law.fabric.name, str):
+        raise DrapeError(f"{path}: fabric: found the name {law.fabric.name!r}; expected a text; bake it again")
+    numbers = {name: value for name, value in asdict(law.fabric).items() if name != "name" and value is not None}
+    for name in ("energy", "force", "constants"):
+        if type(getattr(law.certificate, name)) not in (int, float):
+            raise DrapeError(f"{path}: certificate.{name}: found no number; bake it again")
+    for name, value in numbers.items():
+        if type(value) not in (int, float) or not 0 <= value < np.inf:
+            raise DrapeError(f"{path}: {name}: found {value!r}; expected a finite number from 0 on; bake it again")
 
 
 def _law(content: dict, numbers: dict[str, np.ndarray]) -> BakedHinges:

@@ -9,10 +9,10 @@ from typing import Any
 
 import torch
 from hydra.errors import InstantiationException
-from omegaconf import OmegaConf
+from torch import Tensor
 
 from drape import __version__
-from drape.config import instantiate
+from drape.config import build_from_file
 from drape.data.whole_file import whole_file
 from drape.data.windows import Window
 from drape.energy.eunet import EUNet
@@ -20,6 +20,7 @@ from drape.energy.step_energies import StepEnergies
 from drape.errors import DrapeError
 from drape.scene.mesh import ClothMesh
 from drape.scene.mesh_batch import MeshBatch
+from drape.stored import reading
 
 FORMAT = 1
 """Version of what ``checkpoint["drape"]`` holds."""
@@ -56,11 +57,15 @@ def load_energy(path: str | Path) -> EUNet:
     Raises:
         DrapeError: not a checkpoint of this program or of this format, or the example's energy or forces differ.
     """
-    content = read_checkpoint(path)
+    with reading(path, "train again"):
+        return _load(read_checkpoint(path), path)
+
+
+def _load(content: dict[str, Any], path: str | Path) -> EUNet:
     prefix = "energy."
     state = {k.removeprefix(prefix): v for k, v in content["state_dict"].items() if k.startswith(prefix)}
     try:
-        energy = instantiate(OmegaConf.create(content["drape"]["config"]["model"]))
+        energy = build_from_file(content["drape"]["config"]["model"], ("model", "net"), f"{path}: config.model")
         energy.load_state_dict(state)
     except (InstantiationException, RuntimeError) as error:
         made = content["drape"]["versions"]["drape"]
@@ -99,13 +104,28 @@ def read_checkpoint(path: str | Path) -> dict[str, Any]:
         raise DrapeError(f"{path}: cannot be read as a checkpoint ({type(error).__name__}); train again") from error
     if not isinstance(content, dict) or "drape" not in content:
         raise DrapeError(f"{path}: not a checkpoint of drape; expected one written by python src/train.py")
-    found = content["drape"].get("format")
-    if found != FORMAT:
-        raise DrapeError(f"{path}: checkpoint format {found}; this program reads {FORMAT}; train again")
+    with reading(path, "train again"):
+        found = content["drape"].get("format")
+        if found != FORMAT:
+            raise DrapeError(f"{path}: checkpoint format {found}; this program reads {FORMAT}; train again")
+        _check_tensors(content["state_dict"], f"{path}: state_dict")
+        _check_tensors(content["drape"]["example"], f"{path}: example")
     return content
 
 
+def _check_tensors(tree: dict[str, Any], where: str) -> None:
+    """Refuse tensors that are not finite, at any depth."""
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            _check_tensors(value, f"{where}.{name}")
+        elif isinstance(value, Tensor) and not torch.isfinite(value).all():
+            raise DrapeError(f"{where}.{name}: found numbers that are not finite; expected those of a training")
+
+
 def _check_example(energy: EUNet, example: dict[str, Any], path: str | Path) -> None:
+    for name, value in example["window"].items():
+        if not isinstance(value, float if name == "dt" else Tensor):
+            raise DrapeError(f"{path}: example.window.{name}: found a {type(value).__name__}; expected numbers")
     count = example["num_meshes"]
     vertices, faces = len(example["rest_positions"]) // count, len(example["faces"]) // count
     mesh = ClothMesh.from_faces(example["rest_positions"][:vertices].numpy(), example["faces"][:faces].numpy())

@@ -16,6 +16,9 @@ class Deformation(nn.Module, ABC):
 
     size: int
 
+    def __init__(self):  # without arguments, which nn.Module does not say
+        super().__init__()
+
     @abstractmethod
     def forward(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges size"]:
         """The features, Δl in metres first."""

@@ -121,8 +121,19 @@ class IpcContact(SurfaceContact):
         DrapeError: as :class:`SurfaceContact`, :class:`Barrier` and :class:`Collisions`.
     """
 
-    def __init__(self, *, self_distance: float, body_distance: float, self_friction: float, **surface: float | int):
-        super().__init__(**surface)
+    def __init__(
+        self,
+        *,
+        self_distance: float,
+        body_distance: float,
+        self_friction: float,
+        stiffness: float = 2e7,
+        thickness: float = 5e-3,
+        reach: float = 0.2,
+        per_edge: int = 1,
+        per_face: int = 0,
+    ):
+        super().__init__(stiffness, thickness, reach, per_edge, per_face)
         self.self_distance, self.body_distance, self.self_friction = self_distance, body_distance, self_friction
 
     def beside(self, scene: Scene) -> list[tuple[EnergyTerm, str]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -14,6 +16,7 @@ from drape.energy.hinge_law import NetworkHinges
 from drape.energy.potential_hinge import HingePotential
 from drape.errors import DrapeError
 from drape.scene.material import ATTRIBUTES, Material, attribute_vector
+from drape.stored import reading
 
 SAME = 1e-6
 """Relative difference of a setting up to which a fabric is the one that was baked."""
@@ -25,7 +28,13 @@ def load_law(checkpoint: str, material: Material) -> tuple[NetworkLaw | NetworkH
     Raises:
         DrapeError: see :func:`drape.energy.checkpoint.load_energy`; or no fabric of this name was trained.
     """
-    content = read_checkpoint(checkpoint)["drape"]
+    with reading(checkpoint, "train again"):
+        return _law(read_checkpoint(checkpoint)["drape"], checkpoint, material)
+
+
+def _law(
+    content: dict[str, Any], checkpoint: str, material: Material
+) -> tuple[NetworkLaw | NetworkHinges, Float[Tensor, " attributes"]]:
     trained = list(content["config"]["material"])
     if material.name not in trained:
         raise DrapeError(
@@ -36,6 +45,8 @@ def load_law(checkpoint: str, material: Material) -> tuple[NetworkLaw | NetworkH
     face_area = _mean_area(example["rest_positions"], example["faces"])
     scales = content["config"]["datamodule"]["attribute_scales"]
     attributes = torch.tensor(attribute_vector(material.attributes, scales), dtype=torch.float64)
+    if not torch.isfinite(attributes).all():
+        raise DrapeError(f"{checkpoint}: attribute_scales: found {scales}; expected numbers above 0, or inf")
     energy, dt = load_energy(checkpoint), example["window"]["dt"]
     if isinstance(energy.potential, HingePotential):
         return NetworkHinges(energy, attributes, face_area, dt), attributes

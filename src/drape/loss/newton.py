@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -31,11 +32,23 @@ class Newton(Potential):
         energies: weight of the mean energies per mass [kg/J] beside the length of Newton's step.
         scale: typical acceleration [m/s²], so that the loss of a network that predicts none is of the order of 1.
         longest: vertices whose step is longer count with this length [m]: H knows only where x' is.
-        potential: arguments of :class:`Potential`.
+        weight, stiffness, thickness, reach, ramp, friction: as of :class:`Potential`.
     """
 
-    def __init__(self, energies: float, scale: float, longest: float, **potential: object):
-        super().__init__(**potential)
+    def __init__(
+        self,
+        energies: float,
+        scale: float,
+        longest: float,
+        *,
+        weight: float,
+        stiffness: float,
+        thickness: float,
+        reach: float,
+        ramp: Sequence[float],
+        friction: float | None,
+    ):
+        super().__init__(weight, stiffness, thickness, reach, ramp, friction)
         self.energies, self.scale, self.longest = energies, scale, longest
         self._sums: WeakKeyDictionary[MeshBatch, StencilSum] = WeakKeyDictionary()
 

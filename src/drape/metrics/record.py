@@ -91,8 +91,8 @@ def read_json(path: Path) -> dict:
     if not path.is_file():
         raise DrapeError(f"{path}: no such file; a run has it when it is finished (python src/train.py)")
     try:
-        content = json.loads(path.read_text())
-    except ValueError as error:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
         raise DrapeError(f"{path}: not JSON ({error}); delete it and run the training again") from None
     if not isinstance(content, dict):
         raise DrapeError(f"{path}: holds a {type(content).__name__}; expected an object; run the training again")

@@ -9,6 +9,7 @@ import numpy as np
 
 from drape.errors import DrapeError
 from drape.reading.mesh_record import MeshFile, Polygons
+from drape.stored import check_hdf5
 
 NAMES = ("faces", "positions", "fps")
 OF_POSES = ("poses", "betas", "trans")
@@ -28,6 +29,7 @@ def read_arrays(path: Path) -> MeshFile:
                 found, arrays = set(file.files), {name: file[name] for name in NAMES if name in file}
         else:
             with h5py.File(path, "r") as file:
+                check_hdf5(file, path)
                 found, arrays = set(file), {name: file[name][()] for name in NAMES if name in file}
                 if "fps" in file.attrs:
                     arrays["fps"] = file.attrs["fps"]

@@ -3,42 +3,50 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterable, Mapping
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from drape.errors import DrapeError
 from drape.metrics import evaluation_record
 from drape.metrics.evaluation_record import EvaluationRecord
-from drape.metrics.record import FILE, RunRecord, read_json
+from drape.metrics.record import FILE, FORMAT, RunRecord, read_json
+from drape.stored import reading
+
+Record = TypeVar("Record", RunRecord, EvaluationRecord)
 
 
 def find_runs(folder: Path | str) -> list[RunRecord]:
     """All finished runs below ``folder``; of runs that say the same of themselves, the newest.
 
+    A record that cannot be read is named on stderr and left out.
+
     Raises:
-        DrapeError: there are none, or one cannot be read.
+        DrapeError: there are none.
     """
     folder = Path(folder)
     paths = [path for path in _newest_last(folder) if not _is_evaluation(path)]
-    if not paths:
+    runs = list(_readable(RunRecord.load, paths))
+    if not runs:
         raise DrapeError(f"{folder}: no finished run below it (no {FILE}); make one with: python src/train.py")
-    newest = {(*_identity(run), run.seed): run for run in (RunRecord.load(path.parent) for path in paths)}
+    newest = {(*_identity(run), run.seed): run for run in runs}
     return sorted(newest.values(), key=lambda run: str(run.folder))
 
 
 def has_runs(folder: Path | str) -> bool:
     """Whether a finished training is below ``folder``."""
-    return any(not _is_evaluation(path) for path in _newest_last(Path(folder)))
+    return any(_format(path) == FORMAT for path in _newest_last(Path(folder)))
 
 
 def find_evaluations(folder: Path | str) -> list[EvaluationRecord]:
     """All finished evaluations of garments below ``folder``; of those of one name, seed and data, the newest.
 
-    Raises:
-        DrapeError: one cannot be read.
+    A record that cannot be read is named on stderr and left out.
     """
-    found = [EvaluationRecord.load(path.parent) for path in _newest_last(Path(folder)) if _is_evaluation(path)]
+    paths = [path for path in _newest_last(Path(folder)) if _is_evaluation(path)]
+    found = list(_readable(EvaluationRecord.load, paths))
     newest = {(record.method["name"], *_trained(record), repr(record.data)): record for record in found}
     return sorted(newest.values(), key=lambda record: str(record.folder))
 
@@ -64,7 +72,26 @@ def _newest_last(folder: Path) -> list[Path]:
 
 
 def _is_evaluation(path: Path) -> bool:
-    return read_json(path).get("format") == evaluation_record.FORMAT
+    return _format(path) == evaluation_record.FORMAT
+
+
+def _format(path: Path) -> object:
+    try:
+        return read_json(path).get("format")
+    except (DrapeError, OSError):  # told where the record is read
+        return None
+
+
+def _readable(load: Callable[[Path], Record], paths: Iterable[Path]) -> Iterator[Record]:
+    """The records that can be read; the others are told, and stop nobody."""
+    for path in paths:
+        try:
+            with reading(path, "run it again"):
+                record = load(path.parent)
+        except DrapeError as error:
+            print(f"left out: {error}", file=sys.stderr)
+        else:
+            yield record
 
 
 def _identity(run: RunRecord) -> tuple:

@@ -8,14 +8,15 @@ from textwrap import shorten
 from typing import Any
 
 import numpy as np
+import yaml
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.experimental.callback import Callback
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
-from drape.config import instantiate
+from drape.config import build_from_file
 from drape.data.animation_hdf5 import AnimationFile
 from drape.metrics.stability import Stability, stability
 from drape.report.table import Table
@@ -32,6 +33,8 @@ VERDICTS = {
 STOPPED = "stopped.txt"
 """In the folder of a run that ended in an error: what the error was."""
 
+BUILT = ("scene", "energy", "fabric", "model")
+"""Groups of the config in an animation whose objects are built again, the first two, and what may stand in these."""
 PRECISIONS = ("float64", "float32")
 COLUMNS = ("case", "converged", "residual", "gain", "drift", "ms/frame", "apart")
 OTHERS = {Outcome.ITERATIONS: "iterations", Outcome.PRECISION: "precision", Outcome.NOT_FINITE: "not finite"}
@@ -89,8 +92,9 @@ def read(folder: Path) -> dict[Cell, Stability | str]:
             found[cell] = stopped.read_text(encoding="utf-8").strip() if stopped.exists() else "interrupted"
             continue
         with AnimationFile(animation) as file:
-            made = OmegaConf.create(file.header.config)
-            found[cell] = stability(file, instantiate(made.scene), instantiate(made.energy))
+            made = yaml.safe_load(file.header.config) or {}
+            scene, energy = (build_from_file(made[name], BUILT, f"{animation}: config.{name}") for name in BUILT[:2])
+            found[cell] = stability(file, scene, energy)
     return found
 
 

@@ -14,6 +14,7 @@ from drape.reading.polygons import triangulated
 from drape.reading.triangles import made, to_metres
 from drape.scene.mesh import ClothMesh
 from drape.scene.proportions import check_cloth_size
+from drape.stored import reading
 
 
 def read_triangles(path: Path | str) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "faces 3"]]:
@@ -40,7 +41,8 @@ def read_cloth(
         DrapeError: see :func:`drape.reading.files.read_file`, :func:`drape.reading.triangles.made`,
             :meth:`ClothMesh.from_faces` and :func:`check_cloth_size`; the sentence opens with the path.
     """
-    read = made(read_file(path), scale, up_axis, weld)
+    with reading(path, "export it again"):
+        read = made(read_file(path), scale, up_axis, weld)
     check_cloth_size(read.positions[0], str(path), asked=scale is not None)
     return ClothMesh.from_faces(read.positions[0], read.faces, name=str(path)), read
 

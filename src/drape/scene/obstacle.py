@@ -11,6 +11,9 @@ from jaxtyping import Float, Int
 from drape.errors import DrapeError
 from drape.scene.frozen_array import frozen_floats, frozen_indices
 
+SMALLEST, LARGEST = 1e-6, 1e6
+"""Between which any body is [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
@@ -30,6 +33,11 @@ class Obstacle:
     def __post_init__(self) -> None:
         faces = frozen_indices(self.faces, (None, 3), "body: faces")
         positions = frozen_floats(self.positions, (None, None, 3), "body: positions")
+        size = np.ptp(positions[0], axis=0).max()
+        if not (size > SMALLEST and np.abs(positions).max() < LARGEST):
+            raise DrapeError(
+                f"body: found a size of {size:g} m; expected more than {SMALLEST:g} m, and places within {LARGEST:g} m"
+            )
         if faces.max() >= positions.shape[1]:
             raise DrapeError(
                 f"body: faces: found vertex {faces.max()}; expected 0..{positions.shape[1] - 1}, as the body has "

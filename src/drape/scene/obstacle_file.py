@@ -14,6 +14,10 @@ from drape.reading.mesh_record import MeshFile, ReadMesh
 from drape.reading.triangles import looking_outwards, made
 from drape.scene.obstacle import Obstacle
 from drape.scene.resample import resample
+from drape.stored import reading
+
+FASTEST = 1e6
+"""More frames per second than any camera takes [1/s]."""
 
 
 def read_body(
@@ -39,8 +43,9 @@ def read_body(
     Raises:
         DrapeError: a path, a file or a topology that is no body, NaN, no known rate, no such clip.
     """
-    source = read_file(path, animated=True, dt=dt, frames=frames, clip=clip)
-    return made(replace(source, fps=_rate(source, fps)), scale, up_axis, weld)
+    with reading(path, "export it again"):
+        source = read_file(path, animated=True, dt=dt, frames=frames, clip=clip)
+        return made(replace(source, fps=_rate(source, fps)), scale, up_axis, weld)
 
 
 def obstacle_of(body: ReadMesh, dt: float, frames: int) -> Obstacle:
@@ -68,7 +73,7 @@ def read_obstacle(
 def _rate(source: MeshFile, fps: float | None) -> float | None:
     """Frames per second of a body; None if it stands still."""
     for value, where in ((source.fps, "fps"), (fps, "scene.body_fps")):
-        if value is not None and not (np.isfinite(value) and value > 0):
+        if value is not None and not 0 < value < FASTEST:
             raise DrapeError(f"{source.path}: {where}: found {value}; expected frames per second, more than 0")
     if len(source.positions) == 1:
         return None

@@ -15,12 +15,11 @@ from omegaconf import DictConfig, OmegaConf
 from drape import config as conf
 from drape.config.target import locate
 from drape.errors import DrapeError
+from drape.stored import reading
 from drape.training.callbacks import SelfDescription, Stopwatch
+from drape.training.continuation import alone, newest
 from drape.training.loggers import close_loggers, open_loggers
 from drape.training.messages import silence
-
-SUPPLIED = {"datamodule": ["fabrics"], "training": ["metrics", "data"]}
-"""Arguments that the program adds itself."""
 
 
 def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> Path:
@@ -37,7 +36,12 @@ def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> Path:
     Raises:
         DrapeError: mistakes in the config, faulty data, or another config in the folder.
     """
-    conf.check_config(config, supplied=SUPPLIED)
+    conf.check_config(config)
+    with alone(folder):
+        return _train(config, folder, choices)
+
+
+def _train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> Path:
     silence()
     lightning.seed_everything(config.seed, verbose=False)
     data = conf.instantiate(config.datamodule, fabrics=list(config.material))
@@ -52,9 +56,8 @@ def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> Path:
     stopwatch = Stopwatch()
     description = SelfDescription(lambda: training.described(plain, choices, data, stopwatch.seconds))
     trainer = _trainer(plain, folder, [stopwatch, description])
-    last = folder / "checkpoints" / "last.ckpt"
     try:
-        trainer.fit(training, data, ckpt_path=last if last.is_file() else None, weights_only=True)
+        trainer.fit(training, data, ckpt_path=newest(folder / "checkpoints"), weights_only=True)
         seconds = stopwatch.seconds
         if trainer.interrupted:
             raise KeyboardInterrupt
@@ -75,8 +78,10 @@ def _finished(plain: dict[str, Any], folder: Path, record: Path) -> bool:
         DrapeError: the folder belongs to another config.
     """
     path = folder / "config.yaml"
-    if path.is_file():
-        before = OmegaConf.to_container(OmegaConf.load(path))
+    begun = record.is_file() or any(folder.glob("checkpoints/*.ckpt"))  # a run that left nothing is in nobody's way
+    if path.is_file() and begun:
+        with reading(path, "delete the folder"):
+            before = OmegaConf.to_container(OmegaConf.load(path))
         different = sorted(_result(before) ^ _result(plain))
         if different:
             names = ", ".join(dict.fromkeys(name for name, _ in different))

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 
 import torch
 from hydra.errors import InstantiationException
-from omegaconf import OmegaConf
 from torch import Tensor, nn
 
 from drape import __version__
-from drape.config import instantiate
+from drape.config import build_from_file
 from drape.energy.checkpoint import FORMAT, TOLERANCE, read_checkpoint, versions
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
@@ -22,6 +21,7 @@ from drape.scene.mesh_batch import MeshBatch
 from drape.scene.scene import Scene
 from drape.simulators.neural.cloths import Cloths
 from drape.simulators.neural.neural import NeuralSimulator
+from drape.stored import reading
 
 
 class Trained(NamedTuple):
@@ -69,7 +69,11 @@ def load_simulator(path: str | Path) -> Trained:
 
 @lru_cache(maxsize=1)
 def _read(path: Path, _changed: int | None) -> Trained:
-    content = read_checkpoint(path)
+    with reading(path, "train again"):
+        return _trained(read_checkpoint(path), path)
+
+
+def _trained(content: dict[str, Any], path: Path) -> Trained:
     described = content["drape"]
     if "simulator" not in described:
         raise DrapeError(
@@ -79,8 +83,10 @@ def _read(path: Path, _changed: int | None) -> Trained:
     prefix = "network."
     state = {k.removeprefix(prefix): v for k, v in content["state_dict"].items() if k.startswith(prefix)}
     try:
-        model = OmegaConf.create(described["simulator"])
-        network, cloths = instantiate(model.network), instantiate(model.cloths)
+        network, cloths = (
+            build_from_file(described["simulator"][name], ("model",), f"{path}: simulator.{name}")
+            for name in ("network", "cloths")
+        )
         network.load_state_dict(state)
     except (InstantiationException, RuntimeError) as error:
         raise DrapeError(

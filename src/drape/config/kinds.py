@@ -1,0 +1,88 @@
+"""What kind of value a config may hold where no constructor says it: that of the project's own options."""
+
+from __future__ import annotations
+
+import functools
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from drape.config.accepts import UNKNOWN, Borrowed
+
+GLOBAL = "# @package _global_"
+"""First line of an option that stands at the top itself."""
+KINDS = {bool: "true or false", int: "a number", float: "a number", list: "a list"}
+TEXT, NODE = "a text", "a group of values"
+TEXTS = ("${shipped:", "${joined:")
+"""Interpolations that give texts."""
+FREE = ("workers", "data.pins", "data.fabric", "data.test", "name")
+"""What may be of a kind that no option happens to be of."""
+ANY_LENGTH = ("seeds",)
+"""Lists of numbers that stand for themselves one by one."""
+UNTOLD = ("_target_", "defaults", "hydra")
+"""What is not among the values of a command."""
+
+
+def of_another_kind(tree: Mapping[str, Any], folder: Path, contents: str) -> Iterator[str]:
+    """Values of another kind than all options in ``folder`` give them: a word for a number, a number for a list.
+
+    Arguments of objects (``_target_``) are left out: their constructors say what they take. A value that some options
+    write as a number and some as a text may be either, and null where one is.
+    """
+    told = _told(folder, contents)
+    for path, value in _leaves(tree):
+        values = told.get(path, ())
+        kinds = {_kind(each) for each in values}
+        if value is UNKNOWN or not kinds - {None} or _kind(value) in kinds or path in FREE:
+            continue
+        yield f"{path}: found {value!r} ({type(value).__name__}); expected {' or '.join(sorted(kinds - {None}))}"
+    yield from _other_lists(tree, told)
+
+
+def _other_lists(tree: Mapping[str, Any], told: Mapping[str, list[Any]]) -> Iterator[str]:
+    """Lists that hold no numbers where all options do, or are of another length than all options."""
+    for path, value in _leaves(tree):
+        lists = [each for each in told.get(path, ()) if isinstance(each, list)]
+        lengths = {len(each) for each in lists}
+        if not isinstance(value, list) or not lists or any(_kind(v) != KINDS[int] for each in lists for v in each):
+            continue
+        if any(_kind(v) != KINDS[int] and v is not UNKNOWN for v in value):
+            yield f"{path}: found {value!r}; expected numbers"
+        elif len(lengths) == 1 and len(value) not in lengths and path not in ANY_LENGTH:
+            yield f"{path}: found {value!r}; expected {lengths.pop()} numbers"
+
+
+def _kind(value: object) -> str | None:
+    """A word for the kind; None for null."""
+    if value is None:
+        return None
+    return KINDS.get(type(value), NODE if isinstance(value, Mapping) else TEXT)
+
+
+def _leaves(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        where = f"{path}.{key}" if path else str(key)
+        if isinstance(value, Mapping):
+            yield where, value
+            if not isinstance(value, Borrowed):
+                nodes = {k: node for k, node in value.items() if "_target_" not in value or isinstance(node, Mapping)}
+                yield from _leaves(nodes, where)
+        elif key not in UNTOLD:
+            yield where, value
+
+
+@functools.cache
+def _told(folder: Path, contents: str) -> dict[str, list[Any]]:
+    """By dotted path, what the contents page and all options say; interpolations say nothing."""
+    told = defaultdict(list)
+    for file in (folder / f"{contents}.yaml", *sorted(folder.glob("*/*.yaml"))):
+        text = file.read_text(encoding="utf-8")
+        tree, at_top = yaml.safe_load(text) or {}, file.parent == folder or text.startswith(GLOBAL)
+        for path, value in _leaves(tree if at_top else {file.parent.name: tree}):
+            unknown = isinstance(value, str) and (value.startswith("${") or value == "???")
+            if not unknown or value.startswith(TEXTS):
+                told[path].append(value)
+    return told
