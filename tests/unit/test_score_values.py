@@ -116,7 +116,7 @@ def test_the_share_inside_is_that_of_the_area(scene):
     tiny = np.repeat((0.05 * ball + x[0, 0])[None], 2, axis=0)
     there = replace(scene, obstacle=Obstacle(scene.obstacle.faces, tiny), frames=1, pins=None, reference=x)
     share = Penetration(scene.mesh, there.obstacle).share
-    assert share[0] < 0.7 / len(share), "a vertex of the rim stands for less than a point does on the mean"
+    assert share[0] > 1.5 / len(share), "a vertex stands for more than a point does on the mean"
     assert frame_scores(AnimatedGarment(x, there))["inside_percent"][0] == pytest.approx(100.0 * share[0])
 
 
