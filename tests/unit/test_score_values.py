@@ -181,9 +181,10 @@ class Coasts(nn.Module):
 
     def __init__(self):
         super().__init__()
-        self.nothing = nn.Parameter(torch.zeros(()))
+        self.nothing, self.seen = nn.Parameter(torch.zeros(())), []
 
     def forward(self, step):
+        self.seen.append(step)
         return torch.zeros_like(step.x)
 
 
@@ -198,6 +199,16 @@ def test_a_rollout_meets_the_body_of_each_of_its_frames(file, monkeypatch):
     assert scores["collision_percent"] == pytest.approx(100.0)
     assert scores["inside_percent"] == pytest.approx(1.0 * 100.0)
     assert scores["error_mm"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_network_is_shown_the_body_from_frame_to_frame(file):
+    """The scene begins at the recorded frame 1; steps are relative to the middle of the garment."""
+    network, sequence = Coasts(), file.sequence("00001")
+    x = rollout_scores(network, CLOTHS, sequence, 4).x
+    for k, step in enumerate(network.seen):
+        for body, frame in ((step.obstacle.x, k + 1), (step.obstacle.x_next, k + 2)):
+            np.testing.assert_allclose(body + x[k].mean(axis=0), sequence.body_positions[frame], atol=1e-9)
+    assert len(network.seen) == 4
 
 
 def test_time_is_that_of_a_frame(file, monkeypatch):
