@@ -5,8 +5,8 @@
 
 Nothing is written to the source: all tests run once without a fault, then each fault is planted in the memory of a
 forked process, in the code of the functions that it is in, and the test files of its folder run there until one fails.
-So a fault costs its tests alone. The types of arguments are not checked, as in every other test session: that would
-notice some more.
+So a fault costs its tests alone. Types and shapes of arguments, which every other test session checks, are not checked
+here: that would notice some more.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def _run(there: list[FunctionType], one: Planted, before: str, after: str, writi
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             code = pytest.main([*OPTIONS, *filter(os.path.exists, one.test_files)], plugins=[First()])
             said += [f"pytest ended with {code}"] if code and not said else []
-    except BaseException as error:  # noqa: BLE001: whatever happens here must not go on as the parent
+    except BaseException as error:  # whatever happens here must not go on as the parent
         said.append(f"{type(error).__name__}: {error}")
     os.write(writing, "".join(said[:1]).encode()[:4000])
     os._exit(0)
@@ -165,7 +165,8 @@ def tried(there: list[FunctionType], one: Planted) -> Iterator[Row]:
         began = time.monotonic()
         row = Row(one.file, before, after, noticed(there, one, before, after))
         took = time.monotonic() - began
-        print(f"{'noticed ' if row.failed else 'SURVIVED'} {took:4.0f} s  {row.file}: {after!r}  {row.failed}", flush=True)
+        word = "noticed " if row.failed else "SURVIVED"
+        print(f"{word} {took:4.0f} s  {row.file}: {after!r}  {row.failed}", flush=True)
         if row.failed and row.failed.startswith("NOT PLANTED"):
             raise SystemExit(f"{row.file}: {before!r}: stands in no function; expected one")
         yield row

@@ -36,10 +36,15 @@ FRAMES, SPEED = 7, 0.03
 
 
 def numbered(sequence: int) -> np.ndarray:
-    """A sheet that rises by (s + 1) · 3 cm a frame, stretched by 1 % more in every one."""
+    """A sheet that rises by (s + 1) · 3 cm a frame, stretched by 1 % more in every one.
+
+    Its pinned vertices, 0 and 3, are accelerated to the side.
+    """
     rest = square_grid(1.0, 4).rest_positions.astype(float)
     frame = np.arange(FRAMES)[:, None, None]
-    return (rest * (1.0 + 0.01 * frame) + (sequence + 1) * SPEED * frame * [0, 0, 1]).astype(np.float32)
+    x = rest * (1.0 + 0.01 * frame) + (sequence + 1) * SPEED * frame * [0, 0, 1]
+    x[:, [0, 3]] += 0.01 * frame**2 * [1, 0, 0]
+    return x.astype(np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +146,7 @@ def test_statistics_are_means_over_windows_in_si(path):
     assert found["edge_energy"] == pytest.approx(energy, rel=1e-6)
     assert found["edge_energy_density"] == pytest.approx(energy / area, rel=1e-6)
     assert found["typical_work"] == pytest.approx(force * found["stretch_typical"], rel=1e-6)
-    assert found["stretch_typical"] == pytest.approx(np.mean([np.median(np.abs(s)) for s in stretch]), rel=0.2)
+    assert found["stretch_typical"] == pytest.approx(np.mean([np.median(np.abs(s)) for s in stretch]), rel=0.3)
 
 
 def test_hinges_are_those_of_inner_edges(tmp_path):
@@ -219,6 +224,12 @@ def test_there_are_as_many_rollouts_as_fit(dressed):
     assert last.names == ("00000 frame 5",)
 
 
+def test_pinned_vertices_are_led_in_every_garment_of_a_batch(tmp_path):
+    data = rollouts(GarmentFile(garments.write(tmp_path / "skirts.h5", garment="skirt")))
+    led = (~data.rollout(np.array([0, 1])).free).nonzero()[:, 0]
+    assert led.tolist() == [*garments.TOP, *(len(garments.tube()[0]) + garments.TOP)]
+
+
 def test_carried_rollouts_are_where_the_body_is(dressed):
     data, whole = rollouts(dressed, start="carried"), garments.carried(garments.tube()[0], 8)
     found = data.rollout(np.array([3]))
@@ -249,7 +260,8 @@ def test_frames_of_garments_have_the_bodies_of_t_and_of_t_plus_1(dressed):
         np.testing.assert_array_equal(batch.window.x_next[own].numpy(), whole[name].positions[t + 1])
         faces = batch.body_faces[batch.mesh_of_face == k].numpy()
         for body, at in ((batch.body, t), (batch.body_next, t + 1)):
-            np.testing.assert_allclose(body.numpy()[faces], whole[name].body_positions[at][whole[name].body_faces], atol=1e-6)
+            corners = whole[name].body_positions[at][whole[name].body_faces]
+            np.testing.assert_allclose(body.numpy()[faces], corners, atol=1e-6)
     pinned = [(~batch.window.free[k * count : (k + 1) * count]).sum().item() for k in range(18)]
     assert set(pinned) == {0, garments.AROUND}
 
@@ -286,6 +298,6 @@ def test_energy_per_mass_is_that_after_the_step_and_heavy_vertices_count_more():
 
 def test_blenders_clock_runs_fast_at_12():
     """13 steps instead of 12: gravity times (13/12)²; 10 are 10."""
-    assert [steps_run(q) for q in (10, 12)] == [10, 13]
+    assert [steps_run(q) for q in (8, 10, 12)] == [8, 10, 13], "eighths add up to 1 exactly"
     assert gravity_factor(12) == pytest.approx((13 / 12) ** 2)
     assert gravity_factor(10) == 1.0

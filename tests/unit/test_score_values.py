@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -214,7 +215,7 @@ def test_a_network_is_shown_the_body_from_frame_to_frame(file):
 def test_time_is_that_of_a_frame(file, monkeypatch):
     """A clock that goes on by 3 s from look to look: of five frames each has taken 600 ms."""
     times = iter([10.0, 13.0])
-    monkeypatch.setattr("drape.metrics.rollout_scores.time.perf_counter", lambda: next(times))
+    monkeypatch.setattr("drape.metrics.rollout_scores.time", SimpleNamespace(perf_counter=lambda: next(times)))
     assert rollout_scores(Coasts(), CLOTHS, file.sequence("00001"), 5).scores["ms_per_frame"] == pytest.approx(600.0)
 
 

@@ -23,7 +23,8 @@ from drape.simulators.energy_limit import stored, without_gain
 from drape.simulators.frozen import Frozen
 from drape.simulators.neural.advance import advance, rollout_step
 from drape.simulators.neural.cloths import Cloth, RecordedCloths, forced
-from drape.simulators.neural.edge_lengths import nearer_to_rest
+from drape.simulators.neural.edge_lengths import _next_weight, nearer_to_rest
+from drape.simulators.neural.graph_acceleration import _along_edges
 from drape.simulators.neural.kinematic_prior import KinematicPrior, Nothing
 from drape.simulators.neural.neural import NeuralSimulator
 from drape.simulators.neural.phys_cloths import PhysCloths
@@ -109,6 +110,20 @@ def test_a_network_animates_with_the_body_and_the_pins_of_each_frame(skirt):
         np.testing.assert_allclose(state.x[free], fallen[free], atol=1e-12)
 
 
+def test_answers_of_edges_pull_along_them():
+    """There 1, back 3: 2 along each edge, opposite at its ends; the directions are those without forces."""
+    step = flat(v=torch.stack([flat().x[:, 0], 0.0 * flat().x[:, 0], 0.0 * flat().x[:, 0]], 1))
+    first, second = step.mesh.edges.T
+    found = _along_edges(torch.tensor([1.0, 3.0]).double().repeat_interleave(len(first)), step)
+    flown = step.x + 0.1 * step.v
+    arm = torch.nn.functional.normalize(flown[second] - flown[first], dim=-1)
+    expected = torch.zeros_like(step.x)
+    for edge, (i, j) in enumerate(step.mesh.edges.tolist()):
+        expected[i] += 2.0 * arm[edge]
+        expected[j] -= 2.0 * arm[edge]
+    torch.testing.assert_close(found, expected)
+
+
 def test_a_prior_brings_edges_back_within_the_step():
     """Its acceleration is that after which the cloth is where the rounds leave it, whatever dt is."""
     step = flat(x=1.1 * flat().x, dt=0.5)
@@ -130,6 +145,14 @@ def test_a_round_takes_the_mean_of_what_the_edges_want():
     arm = x[second] - x[first]
     torch.testing.assert_close(found[first] - x[first], 0.5 * arm / degree)
     torch.testing.assert_close(found[~only], x[~only])
+
+
+def test_rounds_have_the_weights_of_chebyshev():
+    """Of radius 0.97: 1, 2/(2 - 0.97²), then 4/(4 - 0.97² w)."""
+    second = 2.0 / (2.0 - 0.9409)
+    assert [_next_weight(k, w) for k, w in ((0, 1.0), (1, 1.0), (2, second), (3, 1.5))] == pytest.approx(
+        [1.0, second, 4.0 / (4.0 - 0.9409 * second), 4.0 / (4.0 - 0.9409 * 1.5)]
+    )
 
 
 def test_kernel_and_tensors_relax_alike():
