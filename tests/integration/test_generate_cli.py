@@ -31,7 +31,7 @@ def command(path: Path, *overrides: str) -> list[str]:
 
 
 def generate(path: Path, *overrides: str) -> subprocess.CompletedProcess:
-    return subprocess.run(command(path, *overrides), capture_output=True, text=True, timeout=120)
+    return subprocess.run(command(path, *overrides), capture_output=True, text=True, timeout=240)
 
 
 def parts_of(path: Path) -> list[Path]:
@@ -41,7 +41,7 @@ def parts_of(path: Path) -> list[Path]:
 def started(path: Path, finished: int, *overrides: str) -> subprocess.Popen:
     """A generator in the middle of its work: ``finished`` sequences are stored."""
     process = subprocess.Popen(command(path, *overrides), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 200
     while len(parts_of(path)) < finished:
         assert process.poll() is None, process.stderr.read()
         assert time.monotonic() < deadline
@@ -124,7 +124,7 @@ def test_a_dead_worker_is_reported_and_nothing_hangs(straight: tuple[TrajectoryF
     path = tmp_path / "cloth.h5"
     process = started(path, 3, "workers=2")
     os.kill(children(process.pid)[0], signal.SIGKILL)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=240)
     assert process.returncode not in (0, None)
     assert "its Blender process died (exit status -9)" in errors
     assert "error: sequence " in errors
@@ -141,7 +141,7 @@ def test_a_full_disk_is_a_sentence_and_finished_sequences_are_kept(
     path = tmp_path / "cloth.h5"
     limit = ["bash", "-c", f'ulimit -f {blocks}; exec "$@"', "bash"]
     whole = [*limit, *command(path, "workers=2", "hydra.output_subdir=null")]
-    run = subprocess.run(whole, capture_output=True, text=True, timeout=120)
+    run = subprocess.run(whole, capture_output=True, text=True, timeout=240)
     assert run.returncode not in (0, None)
     assert re.search(r"error: .*cloth.h5: .*File too large; finished .* are kept in .*cloth.h5.parts", run.stderr)
     assert "Traceback" not in run.stderr

@@ -84,7 +84,7 @@ def test_killed_and_resumed_with_another_number_of_workers_is_the_same(
 ) -> None:
     path = tmp_path / "garments.h5"
     process = subprocess.Popen(command(path, "workers=1"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 200
     while not parts_of(path):
         assert process.poll() is None
         assert time.monotonic() < deadline

@@ -148,10 +148,11 @@ def test_computed_once():
 
 
 def test_ten_thousand_vertices_in_seconds():
+    """Of the processor, however busy that is."""
     mesh = MeshBatch.from_meshes([square_grid(1.0, 100)])
-    start = time.perf_counter()
+    start = time.process_time()
     levels = mesh.coarse_levels(3)
-    assert time.perf_counter() - start < 5.0
+    assert time.process_time() - start < 5.0
     assert (levels.level >= 1).double().mean() == pytest.approx(0.5, abs=0.05)
 
 

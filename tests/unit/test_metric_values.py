@@ -206,6 +206,39 @@ def test_share_of_violated_inequalities_leaves_the_generator_alone():
     assert result["violated_share/overall"] == pytest.approx(0.5)
 
 
+def test_every_batch_has_displacements_of_its_own():
+    """From the seed and the number of the batch: unlike each other, and the same in the next evaluation."""
+    drawn = []
+
+    class Drawing:
+        def rise(self, step):
+            drawn.append(float(torch.rand(())))
+            return torch.arange(2), torch.tensor([1.0, -1.0])
+
+    for _ in range(2):
+        metric = ContrastiveViolations(FABRICS, Drawing())
+        for _ in range(2):
+            metric.update(step(window([0])))
+    assert drawn[0] != drawn[1]
+    assert drawn[:2] == drawn[2:]
+
+
+def test_secants_are_those_of_the_deformations_at_t_plus_1():
+    """Springs of 300 N/m that are twice as stiff beyond 5 mm: at t cloth is slack, at t+1 stretched by 10 %."""
+
+    class Stiffening(Springs):
+        def energies(self, inputs, attributes):
+            stretch = inputs[:, 0]
+            return 0.5 * attributes[:, 0] * torch.where(stretch > 0.005, 2.0, 1.0) * stretch**2
+
+    still = at_rest(window([0]))
+    stretched = replace(still, x=1.001 * still.x, x_next=1.1 * still.x)
+    metric = StretchStiffness(FABRICS, tension={"silk": 5.0, "denim": 40.0})
+    metric.update(StepEnergies(EUNet(Stiffening()), stretched, training=False))
+    assert metric.compute()["stretch_secant_N_per_m/silk"] == pytest.approx(600.0)
+    assert metric.compute()["stretch_stiffness_N_per_m/silk"] == pytest.approx(300.0)
+
+
 def test_names_of_fabrics_are_checked():
     with pytest.raises(DrapeError, match="expected different names"):
         EnergyError(("silk", "silk"))

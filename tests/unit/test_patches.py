@@ -149,8 +149,8 @@ def test_means_and_coarse_meshes():
 
 
 def test_ten_thousand_vertices_in_time():
-    """A garment of 10 k vertices has its patches in at most 5 s."""
+    """A garment of 10 k vertices has its patches in at most 5 s of the processor, however busy that is."""
     mesh = MeshBatch.from_meshes([rectangular_grid((1.6, 1.0), (128, 80))])
-    start = time.perf_counter()
+    start = time.process_time()
     assert 700 < mesh.patches(0.04).num_patches < 1400
-    assert time.perf_counter() - start < 5.0
+    assert time.process_time() - start < 5.0
