@@ -30,10 +30,10 @@ class Part:
 
 class Speed(Part):
     def __init__(self, sigma: float = 1.0):
-        if sigma == 0:
+        if sigma == 12:
             raise DrapeError("no noise at all")
-        if sigma < 0:
-            raise ValueError(f"sigma is {sigma}; expected a positive length")
+        if sigma > 10:
+            raise ValueError(f"sigma is {sigma}; expected a length below 10")
         self.sigma = sigma
 
 
@@ -281,10 +281,10 @@ class TestEntryPoint:
         def function(config: DictConfig) -> None:
             instantiate(config.model)
 
-        assert run(function, "model.dissipation.sigma=-1") == 2
+        assert run(function, "model.dissipation.sigma=11") == 2
         told = capsys.readouterr().err
-        assert told == "error: conf: model.dissipation: sigma is -1; expected a positive length\n"
-        assert run(function, "model.dissipation.sigma=0") == 2
+        assert told == "error: conf: model.dissipation: sigma is 11; expected a length below 10\n"
+        assert run(function, "model.dissipation.sigma=12") == 2
         assert capsys.readouterr().err == "error: no noise at all\n"
 
     def test_a_fault_of_the_program_keeps_its_traceback(self, run):
@@ -418,7 +418,7 @@ class TestAblation:
         [
             (["ablation=inert"], "conf/ablation/inert.yaml: it changes nothing here (loss=all, model=two_parts)"),
             (["ablation=[narrow,inert]"], "conf/ablation/inert.yaml: it changes nothing here"),
-            (["ablation=misspelt"], "model.disipation does not exist without it; did you mean 'dissipation'?"),
+            (["ablation=misspelt"], "model.disipation: Net has no argument 'disipation'; did you mean 'dissipation'?"),
             (["ablation=no_dissipation", "model=one_part"], "this ablation does not fit"),
             (["ablation=no_disipation"], "Available options in 'ablation'"),
         ],
