@@ -126,7 +126,7 @@ def attribute(path: Path, name: str, value: object, expected: str) -> object:
 
 
 def _are_names(value: object) -> bool:
-    texts = isinstance(value, list) and len(value) > 0 and all(isinstance(each, str) and each for each in value)
+    texts = isinstance(value, list) and all(isinstance(each, str) and each for each in value)
     return texts and len(set(value)) == len(value) and not any("/" in each or each in (".", "..") for each in value)
 
 

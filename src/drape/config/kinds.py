@@ -20,8 +20,6 @@ TEXTS = ("${shipped:", "${joined:")
 """Interpolations that give texts."""
 FREE = ("workers", "data.pins", "data.fabric", "data.test", "name")
 """What may be of a kind that no option happens to be of."""
-ANY_LENGTH = ("seeds",)
-"""Lists of numbers that stand for themselves one by one."""
 UNTOLD = ("_target_", "defaults", "hydra")
 """What is not among the values of a command."""
 
@@ -43,16 +41,13 @@ def of_another_kind(tree: Mapping[str, Any], folder: Path, contents: str) -> Ite
 
 
 def _other_lists(tree: Mapping[str, Any], told: Mapping[str, list[Any]]) -> Iterator[str]:
-    """Lists that hold no numbers where all options do, or are of another length than all options."""
+    """Lists that hold no numbers where all options do."""
     for path, value in _leaves(tree):
         lists = [each for each in told.get(path, ()) if isinstance(each, list)]
-        lengths = {len(each) for each in lists}
         if not isinstance(value, list) or not lists or any(_kind(v) != KINDS[int] for each in lists for v in each):
             continue
         if any(_kind(v) != KINDS[int] and v is not UNKNOWN for v in value):
             yield f"{path}: found {value!r}; expected numbers"
-        elif len(lengths) == 1 and len(value) not in lengths and path not in ANY_LENGTH:
-            yield f"{path}: found {value!r}; expected {lengths.pop()} numbers"
 
 
 def _kind(value: object) -> str | None:

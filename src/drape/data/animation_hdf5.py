@@ -154,7 +154,7 @@ class AnimationFile:
             raise DrapeError(f"{self.path}: x: found {self.num_frames} frames; expected at most {header.frames}")
         for name in ("x", "v"):
             for frame in range(self.num_frames):
-                if not sound(self._file[name][frame]).all():
+                if not np.isfinite(self._file[name][frame]).all():
                     raise DrapeError(f"{self.path}: {name}: frame {frame}: found a number that is not finite")
 
     def __enter__(self) -> AnimationFile:

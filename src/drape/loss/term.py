@@ -25,7 +25,9 @@ class LossTerm(nn.Module, ABC):
         """The unweighted value of the term, averaged over the meshes of the window."""
 
 
-def loss_values(energy: EUNet, loss: Mapping[str, LossTerm], window: Window) -> dict[str, Float[Tensor, ""]]:
+def loss_values(
+    energy: EUNet, loss: Mapping[str, LossTerm] | nn.ModuleDict, window: Window
+) -> dict[str, Float[Tensor, ""]]:
     """The terms of ``loss`` by name, unweighted, and their weighted sum ``total``."""
     step = StepEnergies(energy, window, training=True)
     values = {name: term(step) for name, term in loss.items()}
