@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from drape.data.difference import refuse_difference
-from drape.errors import DrapeError
+from drape.data.folder_lock import locked
 
 OTHERWISE = "delete it, or choose another data.path"
 """What to do where another data set is in the way."""
@@ -28,15 +27,8 @@ def claimed(parts: Path, plan: Mapping) -> Iterator[None]:
     Raises:
         DrapeError: another plan's folder, or another process at work.
     """
-    parts.mkdir(parents=True, exist_ok=True)
     manifest = parts / "manifest.json"
-    with open(parts / "lock", "w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise DrapeError(
-                f"{parts}: another process is at work here; wait for it, or choose another data.path"
-            ) from None
+    with locked(parts / "lock", f"{parts}: another process is at work here; wait for it, or choose another data.path"):
         if manifest.exists():
             refuse_difference(json.loads(manifest.read_text(encoding="utf-8")), plan, parts, OTHERWISE)
         else:

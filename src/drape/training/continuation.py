@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from lightning.pytorch.utilities.rank_zero import rank_zero_only
 
+from drape.data.folder_lock import locked
 from drape.energy.checkpoint import read_checkpoint
 from drape.errors import DrapeError
 
@@ -26,14 +26,8 @@ def alone(folder: Path) -> Iterator[None]:
     if rank_zero_only.rank:  # a process of the same training
         yield
         return
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / LOCK, "a") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise DrapeError(
-                f"{folder}: another training is at work there; wait for it, or give this one another name=..."
-            ) from None
+    taken = f"{folder}: another training is at work there; wait for it, or give this one another name=..."
+    with locked(folder / LOCK, taken):
         yield
 
 
