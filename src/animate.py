@@ -13,7 +13,6 @@ from drape.contact.coarseness import too_coarse
 from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
 from drape.energy.incremental_potential import IncrementalPotential
-from drape.errors import DrapeError
 from drape.report.animated import animated, explained
 from drape.report.preview import preview
 from drape.simulators.device import check_device
@@ -27,8 +26,6 @@ SHAPES_FRAMES = ("scene", "fabric", "energy", "contact", "simulator")
 
 @conf.main("animate")
 def main(config: DictConfig) -> None:
-    if not isinstance(config.explain, bool):
-        raise DrapeError(f"explain: found {config.explain!r}; expected true or false")
     check_device(config.simulator.get("device", "cpu"))
     output, folder = conf.instantiate(config.output), Path(config.folder)
     scene = conf.instantiate(config.scene)
