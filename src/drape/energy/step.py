@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
 from jaxtyping import Bool, Float, Int
-from torch import Tensor
+from torch import Tensor, nn
 
 from drape.contact.nearest_faces import NearestFaces
 from drape.contact.surface_points import SurfacePoints
@@ -56,6 +56,8 @@ class Step:
     obstacle: ObstacleStep | None = None
     touching: SurfacePoints | None = None
     """The points of the cloth that can touch bodies, its vertices first; None for the vertices alone."""
+    fabric: Sequence[nn.Module] = ()
+    """The energies of the fabric, of class :class:`drape.energy.term.EnergyTerm`; () for a network that asks none."""
 
     @cached_property
     def geometry(self) -> EdgeGeometry:

@@ -103,6 +103,12 @@ class Minimiser:
         self._is_stale |= found[2] is Outcome.ITERATIONS
         return found
 
+    def response(self, force: Float[Tensor, "vertices 3"]) -> Float[Tensor, "vertices 3"]:
+        """``H⁻¹ f`` [m] of what may move, by the last factors: where a small force would bring the cloth."""
+        answer = np.zeros(3 * len(self.free))
+        answer[self._slots] = self._factors.solve(self._unknowns(force))
+        return torch.from_numpy(answer.reshape(-1, 3)).to(force)
+
     def _descend(
         self, starts: list[Float[Tensor, "vertices 3"]], step: Step, tolerance: float, iterations: int
     ) -> tuple[Float[Tensor, "vertices 3"], Evaluation, Outcome, int, float]:

@@ -193,9 +193,10 @@ class SimulatorTraining(lightning.LightningModule):
         rollout = data.rollout(np.arange(1)).to(self.device)
         cloth = self.cloths.draw(rollout, self.materials, torch.Generator().manual_seed(0))
         v = (rollout.x[1] - rollout.x[0]) / rollout.dt
-        step = rollout_step(rollout, 0, rollout.x[1], v, cloth)
+        material = data.materials[rollout.fabrics[0]]
+        step = rollout_step(rollout, 0, rollout.x[1], v, cloth._replace(terms=self.cloths.terms(material)))
         told = self.finish(config, choices, data, seconds).training
-        return describe_simulator(config, told, self.network, step)
+        return describe_simulator(config, told, self.network, step, material)
 
     def finish(
         self, config: dict[str, Any], choices: Mapping[str, str], data: GarmentDataModule, seconds: float

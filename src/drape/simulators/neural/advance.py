@@ -36,4 +36,5 @@ def rollout_step(
         dt=rollout.dt,
         external_force=cloth.external_force,
         obstacle=ObstacleStep(rollout.body_faces, rollout.body[k + 1], rollout.body[k + 2], rollout.mesh_of_face),
+        fabric=cloth.terms,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
@@ -13,15 +14,22 @@ from torch import Tensor, nn
 
 from drape import __version__
 from drape.config import build_from_file
+from drape.config.resolvers import SHIPPED
 from drape.energy.checkpoint import FORMAT, TOLERANCE, read_checkpoint, versions
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
+from drape.scene.material import Material
 from drape.scene.mesh import ClothMesh
 from drape.scene.mesh_batch import MeshBatch
 from drape.scene.scene import Scene
 from drape.simulators.neural.cloths import Cloths
 from drape.simulators.neural.neural import NeuralSimulator
 from drape.stored import reading
+
+BUILT = ("model", "contact")
+"""Config groups whose objects a checkpoint may ask for."""
+APART = ("mesh", "obstacle", "touching", "fabric")
+"""Parts of a step that an example does not have as they are."""
 
 
 class Trained(NamedTuple):
@@ -33,11 +41,13 @@ class Trained(NamedTuple):
     """How it came about: row, ablation, scale, seed, iterations, seconds, parameters, command."""
 
 
-def describe_simulator(config: dict[str, Any], training: dict[str, Any], network: nn.Module, step: Step) -> dict:
-    """What a checkpoint says of itself; ``step``, of one garment, becomes its example."""
+def describe_simulator(
+    config: dict[str, Any], training: dict[str, Any], network: nn.Module, step: Step, material: Material
+) -> dict:
+    """What a checkpoint says of itself; ``step``, of one garment of ``material``, becomes its example."""
     with torch.no_grad():
         predicted = network(step)
-    tensors = {f.name: getattr(step, f.name) for f in fields(step) if f.name not in ("mesh", "obstacle")}
+    tensors = {f.name: getattr(step, f.name) for f in fields(step) if f.name not in APART}
     body = None if step.obstacle is None else {f.name: getattr(step.obstacle, f.name) for f in fields(step.obstacle)}
     return {
         "format": FORMAT,
@@ -48,6 +58,7 @@ def describe_simulator(config: dict[str, Any], training: dict[str, Any], network
         "example": {
             "rest_positions": step.mesh.rest_positions.cpu(),
             "faces": step.mesh.faces.cpu(),
+            "fabric": {"name": material.name, **material.attributes},
             "step": _on_cpu(tensors),
             "body": None if body is None else _on_cpu(body),
             "acceleration": predicted.cpu(),
@@ -84,7 +95,7 @@ def _trained(content: dict[str, Any], path: Path) -> Trained:
     state = {k.removeprefix(prefix): v for k, v in content["state_dict"].items() if k.startswith(prefix)}
     try:
         network, cloths = (
-            build_from_file(described["simulator"][name], ("model",), f"{path}: simulator.{name}")
+            build_from_file(_shipped_here(described["simulator"][name]), BUILT, f"{path}: simulator.{name}")
             for name in ("network", "cloths")
         )
         network.load_state_dict(state)
@@ -94,7 +105,7 @@ def _trained(content: dict[str, Any], path: Path) -> Trained:
             f"version {described['versions']['drape']}, this is {__version__}: use that version, or train again"
         ) from error
     network.eval().requires_grad_(False)
-    _check_example(network, described["example"], path)
+    _check_example(network, cloths, described["example"], path)
     return Trained(network, cloths, dict(described["training"]))
 
 
@@ -104,10 +115,20 @@ def neural(checkpoint: str, scene: Scene, device: str = "cpu") -> NeuralSimulato
     return NeuralSimulator(trained.network, trained.cloths, scene, device)
 
 
-def _check_example(network: nn.Module, example: dict[str, Any], path: str | Path) -> None:
+def _shipped_here(node: object) -> object:
+    """The ``node`` of a config with the files that come with the program where they are on this machine."""
+    if isinstance(node, Mapping):
+        return {key: _shipped_here(value) for key, value in node.items()}
+    is_shipped = isinstance(node, str) and Path(node).parts[-3:-1] == SHIPPED.parts[-2:]
+    return str(SHIPPED / Path(node).name) if is_shipped else node
+
+
+def _check_example(network: nn.Module, cloths: Cloths, example: dict[str, Any], path: str | Path) -> None:
     mesh = ClothMesh.from_faces(example["rest_positions"].numpy(), example["faces"].numpy())
     body = None if example["body"] is None else ObstacleStep(**example["body"])
-    step = Step(mesh=MeshBatch.from_meshes([mesh]), obstacle=body, **example["step"])
+    material = Material.from_settings(example["fabric"]["name"], example["fabric"])
+    fabric = cloths.terms(material)
+    step = Step(mesh=MeshBatch.from_meshes([mesh]), obstacle=body, fabric=fabric, **example["step"])
     with torch.no_grad():
         predicted = network(step)
     difference = float((predicted - example["acceleration"]).norm() / example["acceleration"].norm().clamp(min=1e-12))

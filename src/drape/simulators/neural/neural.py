@@ -41,7 +41,8 @@ class NeuralSimulator:
             scene = replace(scene, mass=vertex_masses(scene.mesh, {"areal_density": known.areal_density}))
         self.scene = scene
         self.network = network.to(device)
-        self.steps = SceneSteps(scene, known.attributes, device)
+        self.steps = SceneSteps(scene, known.attributes, device, getattr(network, "contact", None))
+        self.fabric = cloths.terms(scene.material)
 
     @torch.no_grad()
     def step(self, state: State, frame: int) -> StepResult:
@@ -58,4 +59,5 @@ class NeuralSimulator:
     def _led(self, step: Step, state: State, stop: float) -> Step:
         """Pinned vertices with the velocity at which they are led."""
         led = (self.steps.pinned(step.x, state, stop) - step.x) / step.dt
-        return replace(step, v=torch.where(step.free[:, None], step.v, led))
+        known = replace(step, v=torch.where(step.free[:, None], step.v, led), fabric=self.fabric)
+        return known if step.obstacle is None else known.with_near(step.near, step.surface)

@@ -1,0 +1,103 @@
+"""Implicit Euler steps of garments in a batch, without a scene: a prior for networks, and their teacher."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from weakref import WeakKeyDictionary
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd.function import FunctionCtx
+
+from drape.energy.contact import Contact
+from drape.energy.external import ExternalForce
+from drape.energy.friction import Friction
+from drape.energy.gravity import Gravity
+from drape.energy.incremental_potential import IncrementalPotential
+from drape.energy.inertia import Inertia
+from drape.energy.step import ObstacleStep, Step
+from drape.scene.mesh_batch import MeshBatch
+from drape.simulators.minimise import Minimiser
+from drape.simulators.neural.advance import advance
+from drape.simulators.neural.kinematic_prior import KinematicPrior, Nothing
+
+
+class BatchSolver:
+    """Minimises inertia, gravity, the fabric of a :class:`Step`, contact and friction, from where the body carries it.
+
+    Args:
+        contact: of cloth and body.
+        friction: coefficient μ; 0 leaves the term out.
+        share, rounds: of the :class:`KinematicPrior` at which a step starts.
+    """
+
+    def __init__(self, contact: Contact, friction: float, share: float, rounds: int):
+        self.contact, self.friction = contact, friction
+        self._start = KinematicPrior(Nothing(), share, rounds, contact.reach)
+        self._kept: WeakKeyDictionary[MeshBatch, tuple[object, Minimiser]] = WeakKeyDictionary()
+
+    @torch.no_grad()
+    def end(self, step: Step, evaluations: int, tolerance: float = 1e-3) -> Float[Tensor, "vertices 3"]:
+        """Where ``step``, with its ``touching``, ends [m] after at most so many evaluations of the potential.
+
+        ``tolerance``: mean unbalanced force of a vertex, in its weight, at which no more are asked.
+        """
+        minimiser = self._minimiser(step)
+        minimiser.begin()
+        weight = float(step.mass.mean() * step.gravity.norm())
+        return minimiser.minimise([advance(self._start, step)], step, tolerance * weight, evaluations)[0]
+
+    def response(self, force: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, "vertices 3"]:
+        """How far a force [N] besides all others would move the cloth of ``step``, whose :meth:`end` was last asked
+        for, to first order [m]; differentiable in the force.
+        """
+        return _Response.apply(force, self._minimiser(step))
+
+    @torch.no_grad()
+    def frame(
+        self, step: Step, parts: int, evaluations: int
+    ) -> tuple[Float[Tensor, "vertices 3"], Float[Tensor, "vertices 3"]]:
+        """Positions [m] and velocities [m/s] at the end of ``step``, in ``parts`` equal steps of so many evaluations.
+
+        Between frames the body and what is pinned move on straight lines.
+        """
+        x, v, dt = step.x, step.v, step.dt / parts
+        for part in range(parts):
+            body = step.obstacle
+            if body is not None:
+                ends = (torch.lerp(body.x, body.x_next, share / parts) for share in (part, part + 1))
+                body = ObstacleStep(body.faces, *ends, body.mesh_of_face)
+            now = replace(step, x=x, v=torch.where(step.free[:, None], v, step.v), dt=dt, obstacle=body)
+            end = self.end(self.touching(now), evaluations)
+            x, v = end, (end - x) / dt
+        return x, v
+
+    def touching(self, step: Step) -> Step:
+        """``step`` with the points of the cloth that the contact asks about, unless it has some."""
+        if step.touching is not None or step.obstacle is None:
+            return step
+        return replace(step, touching=self.contact.surface(step.mesh))
+
+    def _minimiser(self, step: Step) -> Minimiser:
+        key = tuple(map(id, step.fabric)), step.external_force is None, step.obstacle is None
+        kept = self._kept.get(step.mesh)
+        if kept is None or kept[0] != key:
+            terms = [Inertia(), Gravity(), *([] if step.external_force is None else [ExternalForce()]), *step.fabric]
+            if step.obstacle is not None:
+                terms += [self.contact, *([Friction(self.friction, self.contact)] if self.friction else [])]
+            kept = self._kept[step.mesh] = key, Minimiser(IncrementalPotential(terms), step.free)
+        return kept[1]
+
+
+class _Response(torch.autograd.Function):
+    """``H⁻¹ f`` by the factors of a minimiser; H is symmetric, so is its derivative."""
+
+    @staticmethod
+    def forward(ctx: FunctionCtx, force: Tensor, minimiser: Minimiser) -> Tensor:
+        ctx.minimiser = minimiser
+        return minimiser.response(force)
+
+    @staticmethod
+    def backward(ctx: FunctionCtx, slope: Tensor) -> tuple[Tensor, None]:
+        return ctx.minimiser.response(slope), None
