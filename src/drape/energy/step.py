@@ -64,7 +64,7 @@ class Step:
 
     @cached_property
     def inertial(self) -> Float[Tensor, "vertices 3"]:
-        """x̂ = x + dt v: where the cloth would be without forces [m] (paper, after eq. 8)."""
+        """x̂ = x + dt v: where the cloth would be without forces [m] (paper, after eq. 11)."""
         return self.x + self.dt * self.v
 
     @cached_property

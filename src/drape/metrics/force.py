@@ -38,7 +38,7 @@ class MeanForce(FabricMetric):
 
 
 class ForceResidual(MeanForce):
-    """``|m a - m g + ∂Φ/∂x|`` [N]: what the energy leaves unexplained of the equation of motion (paper, eq. 8)."""
+    """``|m a - m g + ∂Φ/∂x|`` [N]: what the energy leaves unexplained of the equation of motion (paper, eq. 9)."""
 
     key = "force_residual_N"
 
@@ -47,7 +47,7 @@ class ForceResidual(MeanForce):
 
 
 class InertialForce(MeanForce):
-    """``|m a - m g|`` [N]: the force residual of predicting no internal force, the row "nothing" (FINDINGS 2)."""
+    """``|m a - m g|`` [N]: the force residual of predicting no internal force, the row "nothing"."""
 
     key = "inertial_force_N"
 
