@@ -55,8 +55,8 @@ BANNED_WORDS = {
 }
 """Words of other fields, and what they are called here."""
 
-OF_OTHER_LANGUAGES = r"</?head>|\bgrid-template-columns:|\"neck0\d\""
-"""What HTML and CSS call things, in the pages that are written in them, and anny two of its bones."""
+OF_OTHER_LANGUAGES = r"\bjinja2\.Template\b|\.get_template\(|\"neck0\d\""
+"""What Jinja calls a page, and anny two of its bones."""
 
 BANNED_FILES = {"utils", "helpers", "helper", "common", "misc", "base", "tools"}
 

@@ -60,6 +60,11 @@ class ShownSequence:
     motion: str
     lanes: tuple[Lane, ...]
 
+    @property
+    def pictures(self) -> list[Lane]:
+        """The lanes that have a picture of their last frame."""
+        return [lane for lane in self.lanes if lane.picture is not None]
+
 
 def show(rows: Sequence[GarmentRow], most: int, folder: Path, height: int) -> list[ShownSequence]:
     """Clips and pictures of ``most`` sequences that ``rows`` share, below ``folder``; drawn unless they are there.
