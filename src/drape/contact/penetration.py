@@ -1,4 +1,4 @@
-"""How much of a cloth is inside the body, and getting it out."""
+"""Penetration of a cloth into the body, and its removal."""
 
 from __future__ import annotations
 

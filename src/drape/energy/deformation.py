@@ -1,4 +1,4 @@
-"""What an energy unit sees of the deformation of its edge."""
+"""The deformation features that an energy unit receives of its edge."""
 
 from __future__ import annotations
 

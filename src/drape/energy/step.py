@@ -1,4 +1,4 @@
-"""All that is known of a time step before its end: what the energy terms of an incremental potential depend on."""
+"""A time step before its end: all that the energy terms of an incremental potential depend on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All that losses and metrics want to know of a learned energy over one window, computed once and when asked for."""
+"""Energies and forces of a learned energy over one window, each computed once and when asked for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which vertices the contrastive loss disturbs."""
+"""The vertices that the contrastive loss disturbs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which vertices of a garment are inside the body: as the paper counts them, and as a signed distance has it."""
+"""Vertices of a garment inside the body: as the paper counts them, and by a signed distance."""
 
 from __future__ import annotations
 

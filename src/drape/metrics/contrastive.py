@@ -1,4 +1,4 @@
-"""How often a small displacement of one vertex lowers the energy, although the true motion should be a minimum."""
+"""Share of small displacements of a vertex that lower the energy, where the true motion should be a minimum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well an energy explains the motion of each vertex, beside no energy at all and beside a spring-hinge law."""
+"""Force residual of an energy, compared with no energy at all and with a spring-hinge law."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ CENTRAL = 0.9
 
 
 class StretchStiffness(FabricMetric):
-    """Slope of the tension ∂φp/∂Δl in Δl [N/m], beside the constant of the springs that Blender used.
+    """Slope of the tension ∂φp/∂Δl in Δl [N/m], and the constant of the springs that Blender used.
 
     * ``stretch_stiffness_N_per_m``: ∂²φp/∂Δl² at Δl = 0 and angles at rest, mean over edges.
     * ``stretch_secant_N_per_m``: least-squares slope of ∂φp/∂Δl against Δl over the deformations at t+1 of the data,

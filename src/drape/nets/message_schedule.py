@@ -1,4 +1,4 @@
-"""Which edge sets of a graph carry messages in each step of a graph network, as plain lists."""
+"""The edge sets that carry messages in each step of a graph network, as plain lists."""
 
 from __future__ import annotations
 

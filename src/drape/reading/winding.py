@@ -1,4 +1,4 @@
-"""Which way faces look: alike within each sheet, and outwards on bodies."""
+"""Consistent orientation of faces: alike within each sheet, outwards on bodies."""
 
 from __future__ import annotations
 

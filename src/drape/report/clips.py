@@ -1,4 +1,4 @@
-"""Short films and last pictures of animated garments beside the recorded ones, kept while their animation stays."""
+"""Short films and last pictures of animated garments, kept until their animation changes."""
 
 from __future__ import annotations
 

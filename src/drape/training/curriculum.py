@@ -1,4 +1,4 @@
-"""How the rollouts of a training grow, and how they begin."""
+"""Length and start of the rollouts over a training."""
 
 from __future__ import annotations
 
