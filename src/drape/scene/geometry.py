@@ -30,11 +30,16 @@ HALF_TURN = 1e-5
 class Topology(Protocol):
     """What the geometry of edges needs to know of a mesh."""
 
-    faces: Int[Tensor, "faces 3"]
-    edges: Int[Tensor, "edges 2"]
-    edge_faces: Int[Tensor, "edges 2"]
-    boundary: Bool[Tensor, " edges"]
-    length_scale: Float[Tensor, ""]
+    @property
+    def faces(self) -> Int[Tensor, "faces 3"]: ...
+    @property
+    def edges(self) -> Int[Tensor, "edges 2"]: ...
+    @property
+    def edge_faces(self) -> Int[Tensor, "edges 2"]: ...
+    @property
+    def boundary(self) -> Bool[Tensor, " edges"]: ...
+    @property
+    def length_scale(self) -> Float[Tensor, ""]: ...
 
 
 def safe_norm(vector: Float[Tensor, "..."], smallest: Tensor | float, dim: int = -1) -> Float[Tensor, "..."]:
