@@ -68,6 +68,7 @@ test: install  ## the whole test suite, on all cores
 lint: install  ## what pre-commit and the tests check as well
 	$(VENV)/bin/ruff check src tests
 	PYTHONPATH=src $(VENV)/bin/lint-imports
+	$(VENV)/bin/mypy
 
 clean:  ## caches only; data and runs stay
 	rm -rf .pytest_cache .ruff_cache .import_linter_cache build src/*.egg-info

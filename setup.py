@@ -7,7 +7,7 @@ setup(
     package_dir={"": "src", "drape.conf": "conf", "drape.programs": "src"},
     include_package_data=False,
     package_data={
-        "drape": ["report/*.yaml", "figure/*.yaml", "checkpoints/*"],
+        "drape": ["report/*.yaml", "report/page.html", "report/page.css", "figure/*.yaml", "checkpoints/*"],
         "drape.conf": ["**/*.yaml"],
     },
 )

@@ -1,4 +1,4 @@
-"""What every file is asked before a value of it is used: whole, self-contained, plain numbers and texts."""
+"""Checks of every file before a value of it is used: whole, self-contained, plain numbers and texts."""
 
 from __future__ import annotations
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import yaml
-from hydra import compose, initialize_config_dir
-from hydra.core.global_hydra import GlobalHydra
+from hydra import compose
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
@@ -19,6 +17,7 @@ from drape.config import check_config, instantiate
 from drape.config.ablation import NONE, compare_ablations
 from drape.config.entry_point import CONF
 from drape.errors import DrapeError
+from tests.composing import composing
 
 SUPPLIED = {"datamodule": ["fabrics"], "training": ["metrics", "data"]}
 """What src/train.py adds to the arguments itself."""
@@ -46,20 +45,7 @@ ABLATIONS = sorted({path.stem for path in (CONF / "ablation").glob("*.yaml")} - 
 
 @pytest.fixture(scope="module", autouse=True)
 def _hydra():
-    """Hydra, pointed at the project's own configuration; each file is parsed once, as that is half of the time."""
-    GlobalHydra.instance().clear()
-    HydraConfig.instance().cfg = None
-    parse, parsed = yaml.load, {}
-
-    def load(stream, Loader):
-        text = stream if isinstance(stream, str) else stream.read()
-        key = text, Loader.__qualname__
-        if key not in parsed:
-            parsed[key] = parse(text, Loader=Loader)
-        return copy.deepcopy(parsed[key])
-
-    with pytest.MonkeyPatch.context() as patched, initialize_config_dir(str(CONF), version_base=None):
-        patched.setattr(yaml, "load", load)
+    with composing():
         yield
 
 

@@ -56,7 +56,7 @@ def test_mean_over_the_batch(name, cloth):
 
 
 def test_free_fall_has_the_known_balance(cloth_batch):
-    """Falling without deformation: dT + dV_g = -M g² dt²/2 (FACTS 12)."""
+    """Falling without deformation: dT + dV_g = -M g² dt²/2 (docs/sources.md, Known values)."""
     window = make_window(cloth_batch)
     frame = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     fallen = [window.x - 0.5 * 9.81 * (k * window.dt) ** 2 * frame for k in (3, 4, 5)]

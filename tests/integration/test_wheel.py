@@ -49,6 +49,7 @@ def test_has_all_commands_and_configs(installed, tmp_path):
     pages = {path.relative_to(ROOT / "conf") for path in (ROOT / "conf").rglob("*.yaml")}
     assert {path.relative_to(installed / "drape" / "conf") for path in (installed / "drape" / "conf").rglob("*")
             if path.suffix == ".yaml"} == pages  # fmt: skip
+    assert {path.suffix for path in (installed / "drape" / "report").glob("page.*")} == {".py", ".html", ".css"}
     shown = drape(installed, tmp_path)
     assert shown.returncode == 0
     assert all(f"drape {name} " in shown.stdout for name in programs)

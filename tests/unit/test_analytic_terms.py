@@ -1,4 +1,4 @@
-"""Energy terms where the answer is known (values of FACTS 12)."""
+"""Energy terms where the answer is known (docs/sources.md, Known values)."""
 
 from __future__ import annotations
 

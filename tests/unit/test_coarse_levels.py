@@ -1,4 +1,4 @@
-"""HOOD's coarse levels against the rules as FACTS 3.1 states them, followed by hand."""
+"""HOOD's coarse levels against the rules as HOOD's code has them, followed by hand."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def rotation(seed: int = 3) -> Tensor:
 
 
 def reference_angles(n_i: np.ndarray, n_j: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """α and β of one edge by the book (FACTS 1.3): twist between projections, difference of elevations."""
+    """α and β of one edge by the book (docs/sources.md): twist between projections, difference of elevations."""
     p_i, p_j = n_i - n_i @ y * y, n_j - n_j @ y * y
     alpha = math.atan2(np.cross(p_j, p_i) @ y, p_i @ p_j)
     beta = math.atan2(n_i @ y, np.linalg.norm(p_i)) - math.atan2(n_j @ y, np.linalg.norm(p_j))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import os
 import re
 import subprocess
@@ -52,10 +53,10 @@ BANNED_WORDS = {
     "runner": "simulator",
     "experiment_runner": "sweep",
 }
-"""Words of other fields, and what they are called here (STYLE 5.4)."""
+"""Words of other fields, and what they are called here."""
 
-OF_OTHER_LANGUAGES = r"</?head>|\bgrid-template-columns:|\"neck0\d\""
-"""What HTML and CSS call things, in the pages that are written in them, and anny two of its bones."""
+OF_OTHER_LANGUAGES = r"\bjinja2\.Template\b|\.get_template\(|\"neck0\d\""
+"""What Jinja calls a page, and anny two of its bones."""
 
 BANNED_FILES = {"utils", "helpers", "helper", "common", "misc", "base", "tools"}
 
@@ -76,8 +77,13 @@ def matches(paths: list[Path], pattern: str) -> list[str]:
     ]
 
 
+@functools.cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def definitions(path: Path) -> Iterator[ast.FunctionDef | ast.ClassDef]:
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             yield node
 
@@ -114,7 +120,7 @@ def test_everything_public_has_a_docstring():
     """Modules, classes, functions; methods and entry points may be explained by their name and their module."""
     silent = []
     for path in SOURCES:
-        module = ast.parse(path.read_text(encoding="utf-8"))
+        module = parsed(path)
         if module.body and not ast.get_docstring(module):
             silent.append(where(path))
         for node in module.body:
@@ -142,7 +148,7 @@ def test_user_errors_are_raised_not_asserted():
     asserts = [
         f"{where(path)}:{node.lineno}"
         for path in SOURCES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.Assert)
     ]
     assert asserts == []
@@ -158,6 +164,17 @@ def test_nothing_belongs_to_one_machine():
 
 def test_no_pickle_is_read():
     assert matches(SOURCES, r"pickle\.load|weights_only=False|allow_pickle=True|import pickle") == []
+
+
+def test_documents_that_are_cited_are_in_the_repository():
+    """Notes that a reader does not have are no source: a paper with its equation, or a section of docs/sources.md."""
+    paths = [*TEXTS, *sorted((ROOT / "docs").glob("*.md")), ROOT / "CHANGELOG.md"]
+    notes = rf"\b({'|'.join(('FACT' + 'S', 'FINDING' + 'S', 'DESIG' + 'N', 'STYL' + 'E'))})\b(\.md| \d)"
+    assert matches(paths, notes) == []
+    titles = re.findall(r"^## \d+\. (.+)$", (ROOT / "docs" / "sources.md").read_text(encoding="utf-8"), re.MULTILINE)
+    for path in paths:
+        for title in re.findall(r"docs/sources\.md,\s+([A-Z][^).:;,\"`]*)", path.read_text(encoding="utf-8")):
+            assert " ".join(title.split()) in titles, f"{where(path)} cites docs/sources.md, {title}"
 
 
 def test_nothing_is_unfinished():

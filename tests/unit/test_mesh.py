@@ -16,7 +16,7 @@ TWO = np.array([[0, 1, 2], [0, 2, 3]])
 
 @pytest.mark.parametrize("pattern", ["uniform", "alternating"])
 def test_the_cloth_of_the_paper_has_its_counts(pattern):
-    """FACTS 12: V 484, F 882, E 1365, boundary 84, interior 1281."""
+    """docs/sources.md, The piece of cloth: V 484, F 882, E 1365, boundary 84, interior 1281."""
     mesh = square_grid(4.8, 22, pattern)
     counts = (mesh.num_vertices, mesh.num_faces, mesh.num_edges, mesh.boundary.sum(), (~mesh.boundary).sum())
     assert counts == (484, 882, 1365, 84, 1281)

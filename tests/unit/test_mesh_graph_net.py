@@ -92,7 +92,7 @@ def test_edges_answer_with_what_they_remember():
 
 
 def test_published_size():
-    """About 3.85 M parameters (FACTS 2.1): 22 features of nodes, 11 of edges in the mesh, 8 from the body."""
+    """About 3.85 M parameters (docs/sources.md): 22 features of nodes, 11 of edges in the mesh, 8 from the body."""
     net = MeshGraphNet(22, {"mesh": 11, "body": 8}, 3, width=128, schedule=flat_schedule(15))
     assert sum(p.numel() for p in net.parameters()) == pytest.approx(3.85e6, rel=2e-3)
     assert len(hood_schedule()) == 15

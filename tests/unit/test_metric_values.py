@@ -72,7 +72,7 @@ def at_rest(moving: Window) -> Window:
 
 
 def test_energy_error_of_cloth_that_falls_or_does_not():
-    """Rest and rest again: no change of energy. Falling rigidly: Φ stays, and the motion loses what FACTS 12 says."""
+    """At rest twice: no change. Falling rigidly: Φ stays, and the motion loses what docs/sources.md says."""
     still = at_rest(window([0, 1]))
     fallen = still.mesh.rest_positions + 0.5 * still.gravity * DT**2
     falling = replace(still, x=fallen, x_next=still.mesh.rest_positions + 2.0 * still.gravity * DT**2)

@@ -293,7 +293,7 @@ def test_rollouts_grow_up_to_the_last():
 
 
 def test_the_published_learning_rate_of_simulators():
-    """5.05e-5 below 65 000 of 150 000 iterations, 2.55e-5 below 115 000, 1.30e-5 after (FACTS 12)."""
+    """5.05e-5 below 65 000 of 150 000 iterations, 2.55e-5 below 115 000, 1.30e-5 after (docs/sources.md)."""
     schedule = halving(1 / 3, begin=0.1, extra=0.01)
     rates = [5e-5 * schedule(k / 150_000) for k in (0, 64_999, 65_001, 114_999, 115_001)]
     assert rates == pytest.approx([5.05e-5, 5.05e-5, 2.55e-5, 2.55e-5, 1.30e-5])

@@ -17,10 +17,11 @@ from drape.data.animation_writer import AnimationWriter
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
 from drape.metrics.evaluation_record import EvaluationRecord
-from drape.report import clips, markup
+from drape.report import clips
 from drape.report.clips import one_of_each_kind
 from drape.report.garment_rows import GarmentRow, garment_rows
 from drape.report.page import Page
+from drape.report.page_parts import Cell, ScoreTable
 from drape.report.raster import Surface, cut_out, draw
 from drape.report.stage import MOST_ERROR, RIGHT, WRONG, Stage, shown_frames, smoothed
 from drape.report.table import Table
@@ -30,7 +31,7 @@ from tests import garments
 from tests.unit.test_report_garments import record, trained
 
 NAMES = ("00001", "00002")
-VOID = {"meta", "img", "source", "br"}
+VOID = {"meta", "img", "source", "br", "link"}
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +95,8 @@ def page(data, tmp_path_factory) -> tuple[Path, list[EvaluationRecord]]:
     (runs / "c" / "sequences" / "00002.h5").unlink()
     (runs / "eunet" / "figures").mkdir(parents=True)
     Image.new("RGB", (4, 4)).save(runs / "eunet" / "figures" / "energy_map.png")
-    law = Table("Energy <of> fabrics", ("row", "silk"), (("EUNet", "1.00 (0.90…1.10)"),))
+    cells = "EUNet", "1.00 ± 0.20 (0.90…1.10)"
+    law = Table("Energy <of> fabrics", ("row", "silk"), (cells,), footnotes=("a: <x>",))
     return Page(runs / "page", sequences=2, height=60).write(found, runs, [law]), found
 
 
@@ -107,6 +109,10 @@ def test_the_page_is_well_formed_and_shows_every_row(page):
         assert label in words
     assert "solver <b>" not in text
     assert "Energy <of> fabrics" in words
+    assert "a: <x>" in words
+    assert '1.00 <small>± 0.20</small> <small class="seeds">(0.90…1.10)</small></td>' in text
+    assert '<tr class="paper"><th scope="row">HOOD (paper)' in text
+    assert 'class="best"' in text
     assert "12.5 mm" in words
     assert "0.25 % collision" in words
     for each in found:
@@ -118,6 +124,7 @@ def test_links_are_relative_and_lead_somewhere(page):
     checked = Checked(path.read_text(encoding="utf-8"))
     assert len([link for link in checked.links if link.endswith(".webp")]) > 10
     assert len([link for link in checked.links if link.endswith(".svg")]) == 4
+    assert "page.css" in checked.links
     assert any(link.endswith(".png") for link in checked.links), "the map that a training has left"
     for link in checked.links:
         if link.startswith("#"):
@@ -210,12 +217,12 @@ def test_sequences_in_motion_are_of_different_kinds(tmp_path):
 
 def test_the_lowest_of_ours_is_marked():
     rows = (("a", "2.00", "1"), ("b", "1.50 ± 3.00 (1.40…1.60)", "3"), ("c (paper)", "0.10", ""), ("d", "", "1"))
-    html = markup.table(Table("T", ("method", "overall", "seeds"), rows, footnotes=("a: <x>",)), best=True)
-    Checked(html)
-    assert html.count('class="best"') == 1
-    assert '<td class="best">1.50 ± 3.00 <small>(1.40…1.60)</small></td>' in html
-    assert '<tr class="paper"><th scope="row">c (paper)' in html
-    assert "a: &lt;x&gt;" in html
+    table = Table("T", ("method", "overall", "seeds"), rows)
+    found = ScoreTable.of(table, best=True)
+    assert [(row.label, cell.number) for row in found.rows for cell in row.cells if cell.is_best] == [("b", "1.50")]
+    assert found.rows[1].cells[0] == Cell("1.50", "3.00", "1.40…1.60", True)
+    assert [row.kind for row in found.rows] == ["", "", "paper", ""]
+    assert not any(cell.is_best for row in ScoreTable.of(table).rows for cell in row.cells)
 
 
 def square(x: float = 0.0) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""What things cost and how accurate they are: each member measures one thing, in one run on one machine."""
+"""Benchmarks of cost and accuracy: each member measures one thing, in one run on one machine."""

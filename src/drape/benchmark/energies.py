@@ -1,4 +1,4 @@
-"""What the laws of a fabric cost: energy with forces, and what a solver needs to factorise."""
+"""Cost of the laws of a fabric: energy with forces, and the Hessians that a solver factorises."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cards of fabrics, in the terms of textile data sheets: what the solver measures of a law, beside published ranges."""
+"""Cards of fabrics in the terms of textile data sheets: measured by the solver, with published ranges."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class FabricCard:
 
 
 def row(fabric: str, name: str, value: float | int, known: Sequence | None) -> Row:
-    """Of the table: a value beside what is ``known``, its least and largest value and their source."""
+    """A row of the table: a value with what is ``known``, its least and largest value and their source."""
     if known is None:
         return {"fabric": fabric, "property": name, "law": value, "published": "", "judgement": "", "source": ""}
     low, high, source = float(known[0]), float(known[1]), known[2]
@@ -133,7 +133,7 @@ def row(fabric: str, name: str, value: float | int, known: Sequence | None) -> R
 
 
 def beside(value: float | int, low: float, high: float) -> str:
-    """A value beside a range, in words."""
+    """A value compared with a range, in words."""
     if low <= value <= high:
         return "within"
     if not math.isfinite(value):

@@ -1,4 +1,4 @@
-"""What the air does to a fabric: how fast a level sheet of it falls in the end."""
+"""The falling test of air drag: the final speed of a level sheet."""
 
 from __future__ import annotations
 

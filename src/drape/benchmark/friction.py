@@ -1,4 +1,4 @@
-"""Friction of our solver and of Blender beside Coulomb's law: slopes, a body that is pushed aside, one that turns."""
+"""Friction of our solver and of Blender compared with Coulomb's law: slopes, plates that are pushed or turned."""
 
 from __future__ import annotations
 

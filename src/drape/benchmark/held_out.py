@@ -1,4 +1,4 @@
-"""How far animations are from recorded ones, and what they cost: accuracy and the trade between it and time."""
+"""Error and cost of animations compared with recorded ones: the trade between accuracy and time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a measurement gives: rows of numbers, printed as a table and kept as CSV and Markdown."""
+"""Results of a measurement: rows of numbers, printed as a table and kept as CSV and Markdown."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ BATCH = 50
 
 
 class Recorder:
-    """Weights in time of springs and hinges, beside those of backward Euler, for each file and fabric.
+    """Weights in time of springs and hinges, and those of backward Euler, for each file and fabric.
 
     The spring-hinge law is fitted to the recording; its springs at t-1, t and t+1 as shares of their sum are the
     weights. A solver that takes q steps a frame, each with the linearised force of springs at its end (as Baraff and

@@ -1,4 +1,4 @@
-"""The same physical cloth in coarser and finer meshes: how much its sag changes."""
+"""Mesh dependence: the sag of the same physical cloth in coarser and finer meshes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a training step of a simulator costs, and how much of it is not network."""
+"""Cost of a training step of a simulator, and the share of its network."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PARTS = ("data", "search", "forward", "loss", "backward", "optimizer")
 
 
 class SimulatorStep:
-    """Phases of one step of a rollout [ms], medians over ``repeats``, beside its network alone.
+    """Phases of one step of a rollout [ms], medians over ``repeats``, and of its network alone.
 
     ``data`` (read a rollout, draw its cloth) is spread over the steps of a rollout, as many as the schedule of the
     config has on average; ``search`` finds the nearest faces of the body. ``networks``: the same layers on the same

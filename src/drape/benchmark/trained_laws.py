@@ -1,4 +1,4 @@
-"""How good the laws of trained runs are, against one value of their configs: data, noise, width, ..."""
+"""Accuracy of the laws of trained runs against one value of their configs: data, noise, width, ..."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a training step costs, and how much of it is not network."""
+"""Cost of a training step, and the share of its networks."""
 
 from __future__ import annotations
 

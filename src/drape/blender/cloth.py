@@ -9,7 +9,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 CLOCK = 1000.0
-"""Blender's cloth moves a free vertex by gravity / 1000 per frame², whatever the scene's frame rate (FINDINGS 1)."""
+"""Blender's cloth moves a free vertex by gravity / 1000 per frame², whatever the scene's frame rate.
+
+Measured: docs/sources.md, Blender's clock.
+"""
 
 
 def simulate(

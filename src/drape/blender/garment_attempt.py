@@ -37,7 +37,7 @@ class Attempt:
     transforms: Float[np.ndarray, "frames joints 4 4"]
     """From the rest pose on: the settling frames, then those to record."""
     twin: np.random.Generator
-    """Draws how far the twin starts beside."""
+    """Draws how far to the side the twin starts."""
 
     @functools.cached_property
     def skinned(self) -> Float[np.ndarray, "frames vertices 3"]:

@@ -1,4 +1,4 @@
-"""What sequence i shows: its split, kind of garment, fabric, motion and body, each in equal parts."""
+"""Split, kind of garment, fabric, motion and body of each sequence, in equal parts."""
 
 from __future__ import annotations
 

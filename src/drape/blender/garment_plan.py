@@ -1,4 +1,4 @@
-"""What determines a data set of garments: the config nodes ``data`` and ``material``, checked; no bpy."""
+"""The settings that determine a data set of garments: nodes ``data`` and ``material``, checked; no bpy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What determines a data set: the config nodes ``data`` and ``material``, checked and resolved to plain values."""
+"""The settings that determine a data set: config nodes ``data`` and ``material``, checked, as plain values."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from drape.errors import DrapeError
 SUPPLIED = {"datamodule": ["fabrics"], "training": ["metrics", "data"]}
 """Arguments that the program adds itself, by the path of the object."""
 INSTRUCTIONS = {"_target_", "_partial_", "_recursive_", "_convert_", "_args_"}
-"""What Hydra keeps for itself beside the arguments of a ``_target_``."""
+"""Keys that Hydra keeps for itself, in addition to the arguments of a ``_target_``."""
 
 
 def check_config(

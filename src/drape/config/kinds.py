@@ -1,4 +1,4 @@
-"""What kind of value a config may hold where no constructor says it: that of the project's own options."""
+"""The kind of value at each place of a config where no constructor says it: that of the project's own options."""
 
 from __future__ import annotations
 

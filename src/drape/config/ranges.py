@@ -1,4 +1,4 @@
-"""Which numbers a config may hold, by their names: one name is one quantity wherever it stands."""
+"""Ranges of the numbers of a config, by their names: one name is one quantity wherever it stands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a config may ask for with ``${...}``: statistics of the data, the options that this run has chosen, products."""
+"""The resolvers ``${...}`` of configs: statistics of the data, chosen options, products."""
 
 from __future__ import annotations
 

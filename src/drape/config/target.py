@@ -1,4 +1,4 @@
-"""What a ``_target_`` names."""
+"""Import of the class or function that a ``_target_`` names."""
 
 from __future__ import annotations
 

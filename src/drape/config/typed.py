@@ -1,4 +1,4 @@
-"""What the user has typed, as it was typed: for records of how a result was made."""
+"""The command line as the user typed it: for records of how a result was made."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What is near what: cloth and bodies as surfaces, nearest faces and points, what is inside or crosses."""
+"""Proximity: cloth and bodies as surfaces, nearest faces and points, what is inside or crosses."""

@@ -1,4 +1,4 @@
-"""Which faces can be nearest to a point, on a device: from all distances."""
+"""Candidates for the nearest face to a point, on a device: from all distances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which points are nearest to others of the same cloth: a few of them, and none beyond a reach."""
+"""Nearest points of the same cloth: a few for each point, none beyond a reach."""
 
 from __future__ import annotations
 

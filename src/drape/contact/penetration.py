@@ -1,4 +1,4 @@
-"""How much of a cloth is inside the body, and getting it out."""
+"""Penetration of a cloth into the body, and its removal."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def push_out(
 ) -> Float[np.ndarray, "vertices 3"]:
     """Vertices inside the body of frame 0 moved to ``clearance`` [m] outside of the face nearest to them.
 
-    The first frame of a garment that was fitted to another pose (FACTS 2.5): without it, contact would shoot out what
-    is deep inside. Closed bodies only; what is far behind an open surface stays where it is.
+    The first frame of a garment that was fitted to another pose (docs/sources.md, HOOD): without it, contact would
+    shoot out what is deep inside. Closed bodies only; what is far behind an open surface stays where it is.
     """
     near = _near(x, obstacle, 0)
     inside = ((near.distance < 0) & (near.distance >= -_deepest(obstacle, 0))).numpy()

@@ -1,4 +1,4 @@
-"""How two configurations differ, as a sentence for whoever asked for the second and found the first."""
+"""Difference of two configurations, as a sentence for whoever asked for the second and found the first."""
 
 from __future__ import annotations
 

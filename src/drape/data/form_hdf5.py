@@ -1,4 +1,4 @@
-"""How cloth and body stood in the files they came from, stored with an animation: ``file/cloth`` and ``file/body``."""
+"""Form of cloth and body in the files they came from, stored with an animation: ``file/cloth``, ``file/body``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is in a data set of garments and where it lies: read and checked once, so that frames can be mapped."""
+"""Index of a data set of garments: contents and offsets, read and checked once, so that frames can be mapped."""
 
 from __future__ import annotations
 

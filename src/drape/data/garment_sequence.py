@@ -92,7 +92,7 @@ class GarmentSequence:
 
     @cached_property
     def twin(self) -> Float[np.ndarray, "frames vertices 3"] | None:
-        """The same simulation, started 1e-6 m beside [m]; its error is the noise floor. None where there is none."""
+        """The same simulation, started 1e-6 m to the side [m]; its error is the noise floor. None without it."""
         return self._frames("twin", "") if self._has("twin") else None
 
     @cached_property

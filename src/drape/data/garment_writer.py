@@ -94,7 +94,7 @@ class StoredGarmentSequence:
     body_positions: Float[np.ndarray, "frames body_vertices 3"] | None = None
     """[m]"""
     twin: Float[np.ndarray, "frames vertices 3"] | None = None
-    """The same simulation, started 1e-6 m beside [m]."""
+    """The same simulation, started 1e-6 m to the side [m]."""
 
 
 class GarmentWriter:

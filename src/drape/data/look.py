@@ -1,4 +1,4 @@
-"""How a stored animation is shown: upright, in the colour of its fabric, in the picture from beginning to end."""
+"""Display of a stored animation: upright, in the colour of its fabric, in the picture from beginning to end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be said about a trajectory without knowing the fabric: speeds, edge strains, external energy (numpy)."""
+"""Statistics of a trajectory that need no fabric: speeds, edge strains, external energy (numpy)."""
 
 from __future__ import annotations
 

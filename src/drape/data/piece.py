@@ -1,4 +1,4 @@
-"""What does not change while a piece of cloth is recorded."""
+"""The constants of a recorded piece of cloth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which sequences of a data set are wanted, and in which split: text files with a name a line, ``all``, or ``none``."""
+"""Sequences of each split of a data set: text files with a name a line, ``all``, or ``none``."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A name beside ``path`` (same ending) to write to; it becomes ``path`` when the block ends well."""
+    """A name next to ``path`` (same ending) to write to; it becomes ``path`` when the block ends well."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp{path.suffix}")
     try:

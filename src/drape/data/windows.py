@@ -63,7 +63,7 @@ class Window:
 
     @property
     def balance(self) -> Float[Tensor, " meshes"]:
-        """ΔV, the change of potential plus dissipated energy that the motion shows [J] (paper, after eq. 5).
+        """ΔV, the change of potential plus dissipated energy that the motion shows [J] (paper, eq. 6).
 
         ``-(T(t+1) - T(t)) - (V_g(t+1) - V_g(t))``, each difference taken vertex by vertex before it is summed.
         """
@@ -73,6 +73,6 @@ class Window:
 
     @property
     def inertial_force(self) -> Float[Tensor, "vertices 3"]:
-        """``m (x(t+1) - 2x(t) + x(t-1)) / dt² - m g`` [N]: what internal and damping forces must balance (eq. 8)."""
+        """``m (x(t+1) - 2x(t) + x(t-1)) / dt² - m g`` [N]: balanced by internal and damping forces (paper, eq. 9)."""
         acceleration = ((self.x_next - self.x) - (self.x - self.x_prev)) / self.dt**2
         return self.mass[:, None] * (acceleration - self.gravity)

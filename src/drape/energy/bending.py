@@ -25,7 +25,7 @@ class _Bend(NamedTuple):
 
 
 class Bending(EnergyTerm):
-    """``Σ_hinges k l² / (4 (A1 + A2)) · (s Δθ)²/2`` [J] (FACTS 3.4).
+    """``Σ_hinges k l² / (4 (A1 + A2)) · (s Δθ)²/2`` [J] (docs/sources.md, HOOD).
 
     l is the length of the edge as it is now, A1 and A2 are the rest areas of its faces, Δθ is the change of the
     dihedral angle from the rest state (HOOD takes a flat one), s is 1 unless a face has lost 99 % of its area, see

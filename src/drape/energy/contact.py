@@ -45,7 +45,7 @@ class Touch:
 
 
 class Contact(EnergyTerm):
-    """``Σ k_p max(thickness - d_p, 0)³`` [J] over points p of the surface (paper, appendix; FACTS 3.4).
+    """``Σ k_p max(thickness - d_p, 0)³`` [J] over points p of the surface (paper, eq. 24).
 
     ``d = (y' - b') · n'`` is the signed distance of a point y' from the plane of the body face that is nearest to it at
     t, with the point b' and the outward normal n' of this face at t + dt. The energy is convex in x', and only points

@@ -1,4 +1,4 @@
-"""What an energy unit sees of the deformation of its edge."""
+"""The deformation features that an energy unit receives of its edge."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Deformation(nn.Module, ABC):
 
 
 class Stretch(Deformation):
-    """Δl alone: an energy of these features has no gradient from bending (the paper's ablation, FACTS 11.9)."""
+    """Δl alone: an energy of these features has no gradient from bending (the paper's ablation, appendix)."""
 
     size = 1
 

@@ -1,4 +1,4 @@
-"""What the motion of a cloth costs by the law of its edges: Φd of EUNet."""
+"""The energy that the motion of a cloth dissipates by the law of its edges: Φd of EUNet."""
 
 from __future__ import annotations
 

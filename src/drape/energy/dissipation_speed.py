@@ -21,7 +21,7 @@ class SpeedDissipation(DissipationUnits):
     """``φd = γ · energy_scale · net(speed / speed_scale, a)²`` with γ the area at the edge (paper, eq. 3).
 
     ``speed`` is that of the edge's midpoint over the step [m/s]. The square keeps the lost energy from being negative
-    (official configuration, FACTS 1.4).
+    (docs/sources.md, The official configuration of EUNet).
 
     Args:
         net: makes the network from its numbers of inputs and outputs; encoder and decoder get no biases.

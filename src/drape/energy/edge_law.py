@@ -13,7 +13,7 @@ from drape.energy.eunet import EUNet
 from drape.errors import DrapeError
 
 MIRRORED = torch.tensor([1.0, -1.0, 1.0])
-"""Signs that (Δl, α, β) of a cloth have in its mirror image (FACTS 1.3)."""
+"""Signs that (Δl, α, β) of a cloth have in its mirror image (docs/sources.md, Twist and bend)."""
 
 
 class Slopes(NamedTuple):

@@ -1,4 +1,4 @@
-"""How long an edge is beside the edges that a law was learned on: what makes the law transfer between resolutions."""
+"""Length of an edge relative to the edges that a law was learned on: transfers a law between resolutions."""
 
 from __future__ import annotations
 

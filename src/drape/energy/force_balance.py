@@ -1,4 +1,4 @@
-"""How far recorded frames are from a balance of forces under PHYS: linear in the ratios of its material."""
+"""The balance of forces of recorded frames under PHYS: linear in the ratios of its material."""
 
 from __future__ import annotations
 

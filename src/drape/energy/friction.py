@@ -31,9 +31,9 @@ class Friction(EnergyTerm):
     so the force is ``μ N`` against the slip above e and falls smoothly to zero below: no direction is needed of a
     vertex at rest, which instead creeps at less than ``slip_speed``.
 
-    HOOD's term (FACTS 3.4) mended: contact is told by the contact term instead of by a squared distance; the normal
-    is that of the body instead of a fixed floor's, and N the contact force instead of the weight over such a floor;
-    body and cloth move over the same step; no cosine of a zero vector is taken.
+    HOOD's term (docs/sources.md, HOOD) mended: contact is told by the contact term instead of by a squared distance;
+    the normal is that of the body instead of a fixed floor's, and N the contact force instead of the weight over such a
+    floor; body and cloth move over the same step; no cosine of a zero vector is taken.
 
     Args:
         coefficient: μ.

@@ -1,4 +1,4 @@
-"""What the compiled kernels of springs and hinges read: the splines of a law, the edges of a mesh."""
+"""Input arrays of the compiled kernels of springs and hinges: splines of a law, edges of a mesh."""
 
 from __future__ import annotations
 

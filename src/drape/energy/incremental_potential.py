@@ -37,7 +37,7 @@ class Evaluation(NamedTuple):
 
 
 class IncrementalPotential(nn.Module):
-    """``E(x') = inertia + Σ energies`` [J]; an implicit Euler step minimises it (paper, eq. 8).
+    """``E(x') = inertia + Σ energies`` [J]; an implicit Euler step minimises it (paper, eq. 11).
 
     Build it with :meth:`for_scene`; a term that the scene does not ask for is not in it. ``reasons`` says for each term
     why it is there.

@@ -12,7 +12,7 @@ from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 
 
 class Inertia(EnergyTerm):
-    """``Σ m |x' - (x + dt v)|² / (2 dt²)`` [J] (paper, after eq. 8).
+    """``Σ m |x' - (x + dt v)|² / (2 dt²)`` [J] (paper, eq. 10).
 
     Evaluated as ``(x' - x) - dt v``: far from the origin ``x + dt v`` would round the motion of the step away.
     """

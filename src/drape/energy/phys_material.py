@@ -14,7 +14,7 @@ from drape.energy.stvk import StVK
 from drape.energy.term import EnergyTerm
 
 THICKNESS = 4.7e-4
-"""Of the cloth [m]; the same for all (FACTS 3.4)."""
+"""Thickness of the cloth [m], the same for all materials (docs/sources.md, HOOD)."""
 
 
 class Range(NamedTuple):
@@ -44,7 +44,7 @@ RANGES = {
     "first_lame": Range(3535.414406069427, 93333.73508005822, False),
     "bending_stiffness": Range(6.370782056371576e-08, 1.3139737991266374e-03, True),
 }
-"""HOOD's training ranges (FACTS 3.4), by field of :class:`PhysMaterial` and in its units."""
+"""HOOD's training ranges (docs/sources.md, HOOD), by field of :class:`PhysMaterial` and in its units."""
 
 
 class PhysMaterial(NamedTuple):
@@ -61,7 +61,7 @@ class PhysMaterial(NamedTuple):
 
     @classmethod
     def default(cls) -> PhysMaterial:
-        """What HOOD animates with unless told otherwise (FACTS 3.4)."""
+        """HOOD's default material (docs/sources.md, HOOD)."""
         return cls(0.20022, 23600.0, 44400.0, 3.9625778e-05)
 
     @classmethod

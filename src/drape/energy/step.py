@@ -1,4 +1,4 @@
-"""All that is known of a time step before its end: what the energy terms of an incremental potential depend on."""
+"""A time step before its end: all that the energy terms of an incremental potential depend on."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Step:
 
     @cached_property
     def inertial(self) -> Float[Tensor, "vertices 3"]:
-        """x̂ = x + dt v: where the cloth would be without forces [m] (paper, after eq. 8)."""
+        """x̂ = x + dt v: where the cloth would be without forces [m] (paper, after eq. 11)."""
         return self.x + self.dt * self.v
 
     @cached_property

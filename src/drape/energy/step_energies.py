@@ -1,4 +1,4 @@
-"""All that losses and metrics want to know of a learned energy over one window, computed once and when asked for."""
+"""Energies and forces of a learned energy over one window, each computed once and when asked for."""
 
 from __future__ import annotations
 
@@ -108,6 +108,6 @@ class StepEnergies:
 
     @cached_property
     def force_residual(self) -> Float[Tensor, "vertices 3"]:
-        """``m a - m g + ∂Φ/∂x`` at t+1 [N]: zero where the energy explains the motion (paper, eq. 8); 0 at pins."""
+        """``m a - m g + ∂Φ/∂x`` at t+1 [N]: zero where the energy explains the motion (paper, eq. 9); 0 at pins."""
         residual = self.window.inertial_force + self.gradient
         return residual * self.window.free[:, None]

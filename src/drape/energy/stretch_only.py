@@ -12,7 +12,7 @@ KEPT = torch.tensor([1.0, 0.0, 0.0])
 
 
 class StretchOnly(EdgeLaw):
-    """``φp(Δl, 0, 0)`` of another law, and its φd: no gradient from bending (the paper's ablation, FACTS 11.9)."""
+    """``φp(Δl, 0, 0)`` of another law, and its φd: no gradient from bending (the paper's ablation, appendix)."""
 
     def __init__(self, law: EdgeLaw):
         super().__init__()

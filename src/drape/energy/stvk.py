@@ -37,7 +37,7 @@ class _Moduli(NamedTuple):
 
 
 class StVK(EnergyTerm):
-    """``Σ_faces A h (μ tr(G²) + λ/2 tr(G)²)`` [J] with ``G = (FᵀF - I)/2``, A the rest area (FACTS 3.4).
+    """``Σ_faces A h (μ tr(G²) + λ/2 tr(G)²)`` [J] with ``G = (FᵀF - I)/2``, A the rest area (docs/sources.md, HOOD).
 
     Written as a sum of squares, ``A h/2 ((μ + λ) (G11 + G22)² + μ ((G11 - G22)² + (2 G12)²))``. F = D_s D_m⁻¹ is the
     deformation gradient from the rest positions; no quantity is divided by the deformed size, so collapsed faces

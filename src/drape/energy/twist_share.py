@@ -1,4 +1,4 @@
-"""How much of its twist an edge is asked for: all, but for normals that nearly lie along the edge."""
+"""The share of an edge's twist that counts: all of it, but for normals that nearly lie along the edge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An evaluation in TensorBoard: scores against the frame, beside those of other evaluations."""
+"""An evaluation in TensorBoard: scores against the frame, compared with other evaluations."""
 
 from __future__ import annotations
 

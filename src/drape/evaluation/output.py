@@ -1,4 +1,4 @@
-"""What an evaluation leaves in its folder: numbers for people, spreadsheets and reports."""
+"""The output files of an evaluation: numbers for people, spreadsheets and reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scores of one animated sequence, and the file beside its frames that keeps them."""
+"""The scores of one animated sequence, and the file next to its frames that keeps them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which sequences of a data set are evaluated."""
+"""The sequences of a data set that are evaluated."""
 
 from __future__ import annotations
 

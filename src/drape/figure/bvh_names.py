@@ -1,4 +1,4 @@
-"""Which joint of a BVH file is which joint of the figure."""
+"""Names of joints in BVH files, matched with the joints of the figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which body the measures of a configuration describe."""
+"""The body that the measures of a configuration describe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a motion is described: turns of the joints over time."""
+"""Description of a motion: turns of the joints over time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where cloth ends: fields [m] that are positive on the garment and change sign at a collar, armhole, cuff or hem."""
+"""Boundaries of garments: fields [m] that change sign at a collar, armhole, cuff or hem."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What garments need to know of a body: any watertight one with the joints of a figure will do."""
+"""The interface of bodies that garments are cut around: watertight, with the joints of a figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each kind of garment is made of: the tubes that it hangs in and the places where it ends."""
+"""The kinds of garments: the tubes that each hangs in and the places where it ends."""
 
 from __future__ import annotations
 

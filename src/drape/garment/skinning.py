@@ -1,4 +1,4 @@
-"""How a garment follows the skeleton: the weights of the body below it, made smooth over the cloth."""
+"""Skinning weights of a garment: those of the body below it, made smooth over the cloth."""
 
 from __future__ import annotations
 

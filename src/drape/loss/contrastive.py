@@ -16,12 +16,12 @@ from drape.scene.geometry import EdgeGeometry
 
 
 class Contrastive(LossTerm):
-    """``Σ_i min(E(x_i + δ) - E(x_i), 0)²`` [J²] over disturbed vertices i, averaged over the batch (paper, eq. 14).
+    """``Σ_i min(E(x_i + δ) - E(x_i), 0)²`` [J²] over disturbed vertices i, averaged over the batch (paper, eq. 16).
 
     E is the incremental potential of the vertex, ``K + V_g + Σ φ`` over the edges that it changes. The standard
     deviation of δ is drawn for each mesh from σ/10, 2σ/10, …, σ with σ = ``sigma`` [m]. ``inertia`` chooses K:
-    ``predicted`` is ``m|x - x̂|²/2dt²`` with ``x̂ = x + dt v`` (paper, eq. 9), ``kinetic`` is ``m|x - x(t)|²/2dt²``
-    (official code, FACTS 1.6). All differences are taken term by term in float64.
+    ``predicted`` is ``m|x - x̂|²/2dt²`` with ``x̂ = x + dt v`` (paper, eq. 10), ``kinetic`` is ``m|x - x(t)|²/2dt²``
+    (docs/sources.md, The official configuration of EUNet). All differences are taken term by term in float64.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Which vertices the contrastive loss disturbs."""
+"""The vertices that the contrastive loss disturbs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def chosen_vertices(
     generator: torch.Generator | None = None,
     rounds: int | None = None,
 ) -> Bool[Tensor, " vertices"]:
-    """A random maximal set of ``allowed`` vertices of which no two are closer than four edges (paper, after eq. 12).
+    """A random maximal set of ``allowed`` vertices of which no two are closer than four edges (paper, after eq. 14).
 
     Luby's algorithm on the graph of the pairs at most three edges apart: random priorities, every vertex that beats
     all its rivals is chosen and its rivals leave, until none is left. About 6 % of a regular grid. With ``rounds``, so

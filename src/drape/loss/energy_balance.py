@@ -10,7 +10,7 @@ from drape.loss.term import LossTerm
 
 
 class EnergyBalance(LossTerm):
-    """``(ΔV_Φ - ΔV)²`` [J²], averaged over the batch (paper, eq. 7)."""
+    """``(ΔV_Φ - ΔV)²`` [J²], averaged over the batch (paper, eq. 8)."""
 
     def forward(self, step: StepEnergies) -> Float[Tensor, ""]:
         return (step.change - step.window.balance).square().mean()

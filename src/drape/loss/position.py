@@ -1,4 +1,4 @@
-"""How far predicted positions are from the recorded ones."""
+"""Position loss: distance of predicted positions from the recorded ones."""
 
 from __future__ import annotations
 

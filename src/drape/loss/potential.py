@@ -20,10 +20,10 @@ from drape.loss.prediction import Prediction, PredictionLoss
 class Potential(PredictionLoss):
     """Mean of ``(inertia + gravity [+ external] + Σ energies of the fabric + contact [+ friction]) / mass`` [J/kg].
 
-    Paper, eq. 8. Per mass, so that garments of silk and of denim count alike; a frame's free fall is worth
-    g² dt²/2 = 0.05 J/kg. The stiffness of contact grows over the training, as in HOOD (FACTS 3.4): a network that has
-    learned nothing yet would see nothing but contact. Energies bring their own gradients, from compiled kernels where
-    there are some.
+    Paper, eq. 18. Per mass, so that garments of silk and of denim count alike; a frame's free fall is worth
+    g² dt²/2 = 0.05 J/kg. The stiffness of contact grows over the training, as in HOOD (docs/sources.md): a network that
+    has learned nothing yet would see nothing but contact. Energies bring their own gradients, from compiled kernels
+    where there are some.
 
     Args:
         weight: of the sum.

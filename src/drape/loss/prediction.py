@@ -1,4 +1,4 @@
-"""What simulators are trained on: named, weighted terms of a predicted step."""
+"""Loss terms of simulators: named, weighted terms of a predicted step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a training loss is made of: named, weighted terms."""
+"""Loss terms of a training: named and weighted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often a small displacement of one vertex lowers the energy, although the true motion should be a minimum."""
+"""Share of small displacements of a vertex that lower the energy, where the true motion should be a minimum."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class VertexInequalities(Protocol):
 
 
 class ContrastiveViolations(FabricMetric):
-    """Share of disturbed vertices with ``E(x_i + δ) < E(x_i)`` (paper, eq. 13), E and δ those of ``loss``.
+    """Share of disturbed vertices with ``E(x_i + δ) < E(x_i)`` (paper, eq. 15), E and δ those of ``loss``.
 
     An energy whose gradient explains the motion has 0 where δ is not too large, an arbitrary gradient 0.5. Vertices
     and displacements are drawn from ``seed`` and the number of the batch; the generators of the training stay as they

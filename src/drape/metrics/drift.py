@@ -1,4 +1,4 @@
-"""How far energy and momentum of a motion are from those of a recorded one."""
+"""Drift of energy and momentum of a motion from those of a recorded one."""
 
 from __future__ import annotations
 

@@ -11,9 +11,9 @@ from drape.metrics.fabric_metric import FabricMetric
 
 
 class EnergyError(FabricMetric):
-    """Mean and standard deviation over windows of ``(ΔV_Φ - ΔV)²`` [J²] (paper, eq. 7 and table 1).
+    """Mean and standard deviation over windows of ``(ΔV_Φ - ΔV)²`` [J²] (paper, eq. 8 and table 1).
 
-    Every window counts, those of error zero too (the official code leaves them out, FACTS 1.7). The deviation is
+    Every window counts, those of error zero too (the official code leaves them out, docs/sources.md). The deviation is
     that of the squared errors around their mean, divided by n.
     """
 

@@ -1,4 +1,4 @@
-"""What a finished evaluation leaves behind: ``metrics.json`` in its folder, written once and read by reports."""
+"""The record of a finished evaluation: ``metrics.json``, written once and read by reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all metrics of an energy share: sums per fabric, in float64, that add up over batches and processes."""
+"""Base of all metrics of an energy: sums per fabric, in float64, that add up over batches and processes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well an energy explains the motion of each vertex, beside no energy at all and beside a spring-hinge law."""
+"""Force residual of an energy, compared with no energy at all and with a spring-hinge law."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class MeanForce(FabricMetric):
 
 
 class ForceResidual(MeanForce):
-    """``|m a - m g + ∂Φ/∂x|`` [N]: what the energy leaves unexplained of the equation of motion (paper, eq. 8)."""
+    """``|m a - m g + ∂Φ/∂x|`` [N]: what the energy leaves unexplained of the equation of motion (paper, eq. 9)."""
 
     key = "force_residual_N"
 
@@ -47,7 +47,7 @@ class ForceResidual(MeanForce):
 
 
 class InertialForce(MeanForce):
-    """``|m a - m g|`` [N]: the force residual of predicting no internal force, the row "nothing" (FINDINGS 2)."""
+    """``|m a - m g|`` [N]: the force residual of predicting no internal force, the row "nothing"."""
 
     key = "inertial_force_N"
 

@@ -15,9 +15,9 @@ from drape.metrics.fabric_metric import OVERALL
 class GarmentMetric(Metric):
     """Mean and standard deviation over sequences of each score: ``error_mm/dress``, ``error_mm_std/overall``, ...
 
-    The paper's way (FACTS 7): each sequence counts once, however long it is, whatever its number of vertices. States
-    are float64 sums that add up over processes. A score that is not a number is not counted; what was never counted
-    has no key.
+    The paper's way (docs/sources.md, Scores of garments): each sequence counts once, however long it is, whatever its
+    number of vertices. States are float64 sums that add up over processes. A score that is not a number is not counted;
+    what was never counted has no key.
 
     Raises:
         DrapeError: no kinds, repeated kinds, or a kind called "overall".

@@ -1,4 +1,4 @@
-"""Everything that is measured of an animated garment, frame by frame: the columns of every evaluation."""
+"""Scores of an animated garment, frame by frame: the columns of every evaluation."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ EVERY = 8
 
 @dataclass(frozen=True, eq=False)
 class AnimatedGarment:
-    """Frames 0, 1, ... of an animated garment beside those recorded; frame 0, from which it started, is not scored."""
+    """Frames 0, 1, ... of an animated garment and those recorded; frame 0, from which it started, is not scored."""
 
     x: Float[np.ndarray, "frames vertices 3"]
     """[m]"""

@@ -1,4 +1,4 @@
-"""How jagged the hems of a cloth are: saw teeth of single edges, which a law that hardly feels them lets grow."""
+"""Jaggedness of hems: saw teeth of single edges, which a law that hardly feels them lets grow."""
 
 from __future__ import annotations
 

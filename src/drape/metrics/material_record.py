@@ -1,4 +1,4 @@
-"""What the finished training of EST leaves behind: ``estimates.json``; ``${estimates:<path>}`` reads it."""
+"""The record of a finished training of EST: ``estimates.json``; ``${estimates:<path>}`` reads it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far an animation is from another one of the same cloth."""
+"""Vertex distance between two animations of the same cloth."""
 
 from __future__ import annotations
 

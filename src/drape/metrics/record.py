@@ -1,4 +1,4 @@
-"""What a finished run leaves behind: ``metrics.json`` in its folder, written by training and read by reports."""
+"""The record of a finished run: ``metrics.json``, written by training and read by reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an energy says of the undeformed cloth: it should lie at the minimum and be free of force."""
+"""Rest state of an energy: whether the undeformed cloth is at its minimum and free of force."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well a network animates a recorded garment: what is watched while it learns."""
+"""Scores of recorded garments that a network animates during its training."""
 
 from __future__ import annotations
 

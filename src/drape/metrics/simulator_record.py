@@ -1,4 +1,4 @@
-"""What the finished training of a simulator leaves behind: ``simulator.json``; evaluations quote it."""
+"""The record of a simulator's finished training: ``simulator.json``; evaluations quote it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a solver owes a cloth that nobody works on: finite frames that say how they ended, no energy from nowhere."""
+"""Stability checks of an undriven cloth: finite frames, outcomes of steps, no gain of energy."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WEIGHT = 9.81
 
 @dataclass(frozen=True, eq=False)
 class Stability:
-    """What there is to say of an animation of a cloth that nobody does work on."""
+    """Findings on an animation of an undriven cloth."""
 
     outcomes: Counter[Outcome]
     """Of its frames."""

@@ -21,14 +21,15 @@ CENTRAL = 0.9
 
 
 class StretchStiffness(FabricMetric):
-    """Slope of the tension ∂φp/∂Δl in Δl [N/m], beside the constant of the springs that Blender used.
+    """Slope of the tension ∂φp/∂Δl in Δl [N/m], and the constant of the springs that Blender used.
 
     * ``stretch_stiffness_N_per_m``: ∂²φp/∂Δl² at Δl = 0 and angles at rest, mean over edges.
     * ``stretch_secant_N_per_m``: least-squares slope of ∂φp/∂Δl against Δl over the deformations at t+1 of the data,
       as they are (angles too), for the ``CENTRAL`` share of edges with the smallest strain: what the cloth feels.
     * ``blender_stiffness_N_per_m``: ``tension / (dt² l̄)``, l̄ the mean rest length of all mesh edges. In Blender's
-      own clock, where gravity of 9.81 m/s² adds 0.00981 m/frame², this reads 1000 · tension / l̄ (FINDINGS 2, 1000
-      being (31.6/s)²); the data rescale gravity so that a frame is dt = 1/fps, and forces scale with 1/dt².
+      own clock, where gravity of 9.81 m/s² adds 0.00981 m/frame², this reads 1000 · tension / l̄ (docs/sources.md,
+      Blender's springs; 1000 is (31.6/s)²); the data rescale gravity so that a frame is dt = 1/fps, and forces scale
+      with 1/dt².
     * ``stretch_stiffness_ratio`` and ``stretch_secant_ratio``: the first two divided by the third.
 
     Args:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import cast
 
 import torch
 from jaxtyping import Float
@@ -21,7 +22,7 @@ class BodyFrameMessages(nn.Module):
 
     def __init__(self, heads: int, size: int):
         super().__init__()
-        self.lift = orthogonal(nn.Linear(3, size, bias=False))
+        self.lift = cast("nn.Linear", orthogonal(nn.Linear(3, size, bias=False)))
         self.first = _HeadwiseLinear(heads, size)
         self.second = _HeadwiseLinear(heads, size)
 

@@ -53,11 +53,11 @@ class InteractionLayer(nn.Module):
     def __init__(self, width: int, heads: int):
         super().__init__()
         self.size = width // heads
-        self.half = heads // 2
+        self.near_heads = heads // 2
         self.query = nn.Linear(width, width)
         self.receiver = nn.Linear(width, width)
         self.sender = nn.Linear(width, width)
-        self.body_frame = BodyFrameMessages(self.half, self.size)
+        self.body_frame = BodyFrameMessages(self.near_heads, self.size)
         self.out = nn.Linear(width, width)
         self.attention_norm = nn.LayerNorm(width)
         self.feed_forward = feed_forward([width, 2 * width, width])
@@ -75,7 +75,7 @@ class InteractionLayer(nn.Module):
         receivers = streams.receivers + self.receiver(x)
         senders = streams.senders + self.sender(torch.cat([x, bodies]))
         q, r, s = (self._heads(part) for part in (self.query(x), receivers, senders))
-        space, cloth = slice(None, self.half), slice(self.half, None)
+        space, cloth = slice(None, self.near_heads), slice(self.near_heads, None)
         body_receiver, body = interactions.body
         world = torch.cat([interactions.world, torch.stack([body_receiver, count + body])], 1)
         weight, edge = _attention(q[:, space], r[:, space], s[:, space], world)

@@ -13,8 +13,8 @@ from drape.nets.mlp import feed_forward
 class LayersTransformer(nn.Module):
     """Encoders of patches and of faces of a body, and interaction layers.
 
-    Width 128, 8 heads, 4 layers, encoders of two linear layers as published (FACTS 4.2), with SiLU for ReLU, which has
-    a second derivative.
+    Width 128, 8 heads, 4 layers, encoders of two linear layers as published (docs/sources.md, LayersNet), with SiLU for
+    ReLU, which has a second derivative.
 
     Args:
         patch_size_in: numbers that describe a patch.

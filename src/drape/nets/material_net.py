@@ -26,5 +26,5 @@ class MaterialNet(nn.Module):
 
     def forward(self, attributes: Float[Tensor, "fabrics attributes"]) -> Float[Tensor, "fabrics 4"]:
         """Positions in float64; the layers work in the precision of their parameters."""
-        features = attributes.to(self.layers[0].weight.dtype)
+        features = attributes.to(next(self.layers.parameters()).dtype)
         return torch.sigmoid(self.layers(features).double())

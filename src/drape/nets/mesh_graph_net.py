@@ -31,6 +31,12 @@ class EdgeSet:
         parts = (self.senders, self.receivers, self.features)
         return EdgeSet(*(part.index_select(0, rows) for part in parts))
 
+    def from_level(self, level: int) -> Int[Tensor, " rows"]:
+        """Rows of the edges whose receiver is in that level or a deeper one."""
+        if self.level is None:
+            raise DrapeError(f"edges: found no levels; expected some, as the schedule names level {level} of this set")
+        return (self.level >= level).nonzero()[:, 0]
+
 
 class MeshGraphNet(nn.Module):
     """Encoder, message passing, decoder (Pfaff et al. 2021), with the edge sets of each step free to choose.
@@ -82,6 +88,7 @@ class MeshGraphNet(nn.Module):
             }
         )
         self.steps = nn.ModuleList(_Step(width, step) for step in parts)
+        self.parts = {part for step in parts for part in step}
         self.decoder = nn.Sequential(nn.Linear(width, width), *_layers(width, size_out))
         self.edge_decoders = nn.ModuleDict(
             {name: nn.Sequential(nn.Linear(width, width), *_layers(width, 1)) for name in answers}
@@ -97,8 +104,8 @@ class MeshGraphNet(nn.Module):
             for name, edge_set in edges.items()
             if len(edge_set)
         }
-        partial = {part for step in self.steps for part in step.parts if part.level and part.name in edges}
-        rows = {part: (edges[part.name].level >= part.level).nonzero()[:, 0] for part in partial}
+        partial = {part for part in self.parts if part.level and part.name in edges}
+        rows = {part: edges[part.name].from_level(part.level) for part in partial}
         for step in self.steps:
             nodes, edges = step(nodes, edges, rows)
         answers = {n: decode(edges[n].features)[:, 0] for n, decode in self.edge_decoders.items() if n in edges}

@@ -1,4 +1,4 @@
-"""Which edge sets of a graph carry messages in each step of a graph network, as plain lists."""
+"""The edge sets that carry messages in each step of a graph network, as plain lists."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ def flat_schedule(steps: int) -> list[list[str]]:
 
 
 def hood_schedule(repeats: int = 3) -> list[list[str]]:
-    """HOOD's way down to the second coarse level and up again (FACTS 3.2), each of its five stages ``repeats`` times.
+    """HOOD's way down to the second coarse level and up again, each of its five stages ``repeats`` times.
+
+    HOOD, section 3.2, and docs/sources.md, HOOD.
 
     Where the mesh rests, the body speaks to the vertices of the finest level in use only (``body@level``).
     """

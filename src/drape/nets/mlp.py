@@ -34,8 +34,8 @@ class EnergyNet(nn.Module):
     """EUNet's network: encoder of three layers, residual blocks, LayerNorm, decoder of three layers that narrow.
 
     Paper, section 4.1: four blocks of two fully connected layers, width 128; activations, encoder and decoder from the
-    official configuration (FACTS 1.4), whose blocks have three layers. ``bias=False`` leaves the biases out of encoder
-    and decoder, as for the dissipation units.
+    official configuration (docs/sources.md), whose blocks have three layers. ``bias=False`` leaves the biases out of
+    encoder and decoder, as for the dissipation units.
     """
 
     def __init__(

@@ -138,11 +138,12 @@ def _by_trimesh(path: Path) -> MeshFile:
     materials = tuple(dict.fromkeys(name for name in names if name))
     known = {name: number for number, name in enumerate(materials)}
     each = [np.full(len(mesh.faces), known.get(name, -1)) for mesh, name in zip(meshes, names, strict=True)]
-    says = {"unit": 1.0, "up": "y"} if path.suffix.lower() in GLTF else {}
+    is_gltf = path.suffix.lower() in GLTF
     positions = np.concatenate([mesh.vertices for mesh in meshes]).astype(np.float64)[None]
     return MeshFile(
         path, Polygons.of_faces(faces), positions, uv=uv, materials=materials,
-        material=np.concatenate(each) if materials else None, **says,
+        material=np.concatenate(each) if materials else None,
+        unit=1.0 if is_gltf else None, up="y" if is_gltf else None,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""What a file of meshes holds, and what is made of it: two plain records."""
+"""Two plain records: the contents of a mesh file, and the triangles made of them."""
 
 from __future__ import annotations
 

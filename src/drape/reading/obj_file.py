@@ -17,7 +17,8 @@ def read_obj(path: Path) -> MeshFile:
     """
     text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\\\n", " ").replace("\\\r\n", " ")
     vertices, textures, corners, textured, sizes, material = [], [], [], [], [], []
-    names, current = {}, -1
+    names: dict[str, int] = {}
+    current = -1
     for number, line in enumerate(text.splitlines(), 1):
         words = line.partition("#")[0].split()
         try:

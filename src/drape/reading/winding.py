@@ -1,4 +1,4 @@
-"""Which way faces look: alike within each sheet, and outwards on bodies."""
+"""Consistent orientation of faces: alike within each sheet, outwards on bodies."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def outward(
         mine = sheet == number
         if volume is not None:
             wrong, why = volume < 0 and not _is_hollow(points, faces, mine, sheet, enclosed), "they looked inwards"
-        elif (near == number).any():
+        elif garment is not None and (near == number).any():
             wrong, why = _is_behind(garment[near == number], points, faces[mine]), "the garment is on their other side"
         else:
             wrong = False

@@ -1,4 +1,4 @@
-"""What ``animate.py`` says: which energies a scene requires, and how an animation went."""
+"""Messages of ``animate.py``: the energies that a scene requires, and how an animation went."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Short films and last pictures of animated garments beside the recorded ones, kept while their animation stays."""
+"""Short films and last pictures of animated garments, kept until their animation changes."""
 
 from __future__ import annotations
 
@@ -59,6 +59,11 @@ class ShownSequence:
     fabric: str
     motion: str
     lanes: tuple[Lane, ...]
+
+    @property
+    def pictures(self) -> list[Lane]:
+        """The lanes that have a picture of their last frame."""
+        return [lane for lane in self.lanes if lane.picture is not None]
 
 
 def show(rows: Sequence[GarmentRow], most: int, folder: Path, height: int) -> list[ShownSequence]:

@@ -20,8 +20,8 @@ from drape.energy.units import PotentialUnits
 STRETCH = 5e-3
 """Δl of the map is -5…5 mm [m] (paper, figure 4)."""
 ANGLE = np.pi / 2
-"""α of the map, or Δθ of hinges, is -90…90 degrees [rad]. Which of its two angles the paper turned is not said (FACTS
-11.8)."""
+"""α of the map, or Δθ of hinges, is -90…90 degrees [rad]. The paper does not say which of its two angles
+it turned."""
 POINTS = 81
 
 EnergyOf = Callable[[Tensor, Tensor, Tensor, Tensor], Tensor]

@@ -1,4 +1,4 @@
-"""Fabric cards as a picture: how each fabric drapes and bends, and where its numbers lie beside published ones."""
+"""Fabric cards as a picture: how each fabric drapes and bends, compared with published numbers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PLANE = 41.5
 
 
 class Compared(NamedTuple):
-    """A property of a fabric beside its published range."""
+    """A property of a fabric with its published range."""
 
     name: str
     value: float
@@ -53,7 +53,7 @@ class Pictured:
 
 
 def draw_cards(cards: Sequence[Pictured], path: Path | str) -> Path:
-    """One PNG, a column for each fabric: the draped disc, the strip in the cantilever test, law beside published."""
+    """One PNG, a column for each fabric: the draped disc, the strip in the cantilever test, law, published."""
     figure = Figure(figsize=(3.4 * len(cards), 7.4), layout="constrained")
     axes = figure.subplots(3, len(cards), squeeze=False, gridspec_kw={"height_ratios": [2.2, 2.4, 2.8]})
     longest = max(card.profile[:, 0].max() for card in cards)

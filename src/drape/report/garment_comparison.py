@@ -1,4 +1,4 @@
-"""How the errors of several ways to animate the same garments grow with time."""
+"""Figure of the errors of several ways to animate the same garments over time."""
 
 from __future__ import annotations
 

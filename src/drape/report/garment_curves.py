@@ -1,4 +1,4 @@
-"""How errors of animated garments grow with time, beside the noise floor."""
+"""Figure of the errors of animated garments over time, with the noise floor."""
 
 from __future__ import annotations
 

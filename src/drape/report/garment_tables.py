@@ -34,7 +34,7 @@ COLUMNS = {
 }
 """Score -> column of the table of one evaluation."""
 SHOWN = ("collision_percent", "inside_percent", "hem_times", "ms_per_frame")
-"""Columns of the comparison beside the errors."""
+"""Columns of the comparison, after the errors."""
 WITH_SPREAD = ("error_mm", "floor_mm", "collision_percent")
 """What the paper gives with its standard deviation."""
 

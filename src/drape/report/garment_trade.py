@@ -38,7 +38,7 @@ def trade_rows(rows: Sequence[GarmentRow]) -> list[dict[str, object]]:
 
 
 def write_garment_trade(rows: Sequence[GarmentRow], picture: Path) -> Path | None:
-    """:func:`trade_rows` as CSV beside a picture of the same name; None where there are none."""
+    """:func:`trade_rows` as CSV next to a picture of the same name; None where there are none."""
     found, path = trade_rows(rows), picture.with_suffix(".csv")
     path.parent.mkdir(parents=True, exist_ok=True)
     return write_rows(path, found) if found else None

@@ -1,4 +1,4 @@
-"""What a law learned from recordings is, and how near it animates what was held out: a card of a few lines."""
+"""Card of a law learned from recordings: its constants, and its error on held-out sequences."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAMES = {"eunet_baked": "learned law", "spring_hinge": "fitted spring-hinge law"
 
 
 def write_law_card(data: str, fabric: str, folder: Path) -> str:
-    """The card of ``<folder>/<fabric>.npz``, as text; it is kept as ``<fabric>.md`` beside the table.
+    """The card of ``<folder>/<fabric>.npz``, as text; it is kept as ``<fabric>.md`` next to the table.
 
     Raises:
         DrapeError: no table, or a damaged one.

@@ -1,4 +1,4 @@
-"""What finished runs have learned, ready to be drawn."""
+"""The laws that finished runs have learned, ready to be drawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a training has learned so far, as images in its loggers."""
+"""Energy maps and curves of a training so far, as images in its loggers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a simulator in training makes of recorded garments, as images in its loggers."""
+"""Recorded garments as a simulator in training animates them: images in its loggers."""
 
 from __future__ import annotations
 

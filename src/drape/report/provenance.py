@@ -1,4 +1,4 @@
-"""How the numbers of a report came about, and which ones are missing."""
+"""Provenance of the numbers of a report: commands of its runs, and of those that are missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the motion of recorded cloth shows before anything is learned from it, in a few lines."""
+"""Summary of recorded motion before anything is learned from it, in a few lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a training has learned, in a few lines for the terminal."""
+"""Summary of a trained law, in a few lines for the terminal."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _simulator(content: Mapping) -> str:
 
 
 def _energy(run: RunRecord) -> str:
-    """A line for each fabric: stiffness beside Blender's, force residual beside the bars, squared energy error."""
+    """A line for each fabric: stiffness and Blender's, force residual and its bars, squared energy error."""
     name = run.model if run.ablation == "none" else f"{run.model} {run.ablation}"
     lines = [f"what {name} has learned (seed {run.seed}, {run.setting['steps']} steps, test split):"]
     fabrics = [key.partition("/")[2] for key in run.metrics if key.startswith("inertial_force_N/")]

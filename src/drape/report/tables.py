@@ -1,4 +1,4 @@
-"""The tables of a set of finished runs, the paper's numbers beside ours."""
+"""Tables of a set of finished runs, with the paper's numbers."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def energy_error_table(found: Sequence[Configuration]) -> Table:
 
 
 def force_table(found: Sequence[Configuration]) -> Table:
-    """Mean force residual [N], beside predicting nothing and beside the fitted spring-hinge law."""
+    """Mean force residual [N], compared with predicting nothing and with the fitted spring-hinge law."""
     names = columns(found, "force_residual_N")
     rows = []
     for key, title in BASELINES.items():

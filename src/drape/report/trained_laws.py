@@ -1,4 +1,4 @@
-"""How good laws are against what they were learned from: a figure."""
+"""Figure of the accuracy of laws against the data that they were learned from."""
 
 from __future__ import annotations
 

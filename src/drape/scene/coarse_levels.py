@@ -24,7 +24,7 @@ class CoarseLevels(NamedTuple):
 
     @classmethod
     def of(cls, edges: Int[Tensor, "edges 2"], num_vertices: int, count: int) -> CoarseLevels:
-        """``count`` levels above the graph with ``edges``, on their device (FACTS 3.1).
+        """``count`` levels above the graph with ``edges``, on their device (docs/sources.md, HOOD).
 
         From one level to the next the vertices at an even distance from the centre stay, so that distances halve. Of
         the others, each connects every neighbour nearer to the centre to every one farther away (rule 1), and where

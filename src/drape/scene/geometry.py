@@ -2,7 +2,8 @@
 
 All norms are ``sqrt(|v|² + ε²)`` with ε a millionth of the mesh's own size, so values and first and second derivatives
 stay finite for zero-length edges, faces without area, folds, isolated vertices and normals along an edge, while the
-relative error elsewhere is below 1e-12. Work in float64: length changes are 1e-6 of the coordinates (FACTS 10.1).
+relative error elsewhere is below 1e-12. Work in float64: length changes are 1e-6 of the coordinates
+(docs/sources.md, Precision).
 
 Vectors and pairs have their components in the last dimension, but lie component by component in memory: a sum over
 three neighbouring numbers takes ten times as long as the sum of three columns, and training is made of such sums.
@@ -29,11 +30,16 @@ HALF_TURN = 1e-5
 class Topology(Protocol):
     """What the geometry of edges needs to know of a mesh."""
 
-    faces: Int[Tensor, "faces 3"]
-    edges: Int[Tensor, "edges 2"]
-    edge_faces: Int[Tensor, "edges 2"]
-    boundary: Bool[Tensor, " edges"]
-    length_scale: Float[Tensor, ""]
+    @property
+    def faces(self) -> Int[Tensor, "faces 3"]: ...
+    @property
+    def edges(self) -> Int[Tensor, "edges 2"]: ...
+    @property
+    def edge_faces(self) -> Int[Tensor, "edges 2"]: ...
+    @property
+    def boundary(self) -> Bool[Tensor, " edges"]: ...
+    @property
+    def length_scale(self) -> Float[Tensor, ""]: ...
 
 
 def safe_norm(vector: Float[Tensor, "..."], smallest: Tensor | float, dim: int = -1) -> Float[Tensor, "..."]:
@@ -63,9 +69,9 @@ class EdgeGeometry:
     """The edges of positions ``x`` (``... vertices 3``, [m]); each quantity is computed when it is first asked for.
 
     Angles are pairs (cos, sin). With unit vertex normals n_i, n_j and the unit edge vector y (EUNet, appendix A.1;
-    closed form of FACTS 1.3): twist α is the rotation about y that takes n_j into the half plane of n_i, bend β the
-    difference of the elevations of n_i and n_j above the plane orthogonal to y. Both do not change with the order of
-    the ends, with rotation or with translation; reversing the winding of all faces negates β, mirroring negates α.
+    docs/sources.md, Twist and bend): twist α is the rotation about y that takes n_j into the half plane of n_i, bend β
+    the difference of the elevations of n_i and n_j above the plane orthogonal to y. Both do not change with the order
+    of the ends, with rotation or with translation; reversing the winding of all faces negates β, mirroring negates α.
     """
 
     def __init__(self, x: Float[Tensor, "... vertices 3"], mesh: Topology):

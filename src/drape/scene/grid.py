@@ -16,7 +16,7 @@ def square_grid(size: float, resolution: int, pattern: str = "uniform") -> Cloth
     Vertex ``i * resolution + j`` lies in row ``i`` (row 0 is the top, largest y) and column ``j`` (x grows with j), so
     the top corners are vertices 0 and ``resolution - 1``. Faces wind anticlockwise seen from +z. ``pattern``:
     ``uniform`` cuts all quads along the same diagonal, ``alternating`` flips the diagonal like a chess board.
-    22 x 22 uniform: 484 vertices, 882 faces, 1365 edges (FACTS 12).
+    22 x 22 uniform: 484 vertices, 882 faces, 1365 edges (docs/sources.md, The piece of cloth).
 
     Raises:
         DrapeError: a size that is not positive, fewer than 2 vertices a side, an unknown pattern.

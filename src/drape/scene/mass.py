@@ -1,4 +1,4 @@
-"""What each vertex of a cloth weighs, by one of two rules that the scene names."""
+"""Vertex masses of a cloth, by one of two rules that the scene names."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ OURS = ("name", "areal_density")
 
 @dataclass(frozen=True)
 class Material:
-    """One fabric: Blender's cloth settings, in Blender's numbers (FACTS 1.1), and what it weighs as people wear it.
+    """One fabric: Blender's cloth settings, in Blender's numbers, and what it weighs as people wear it.
 
     ``mass_per_vertex`` [kg] is what the fabric weighed in the training data, for every vertex whatever its area; it is
     an input of the networks. ``areal_density`` [kg/m²] is that of the real fabric, no setting of Blender's; scenes of
@@ -65,7 +65,7 @@ class Material:
 
 
 def attribute_vector(material: Mapping[str, object], scales: Mapping[str, float]) -> list[float]:
-    """The vector **a** of a fabric: Blender's values divided by ``scales`` (FACTS 1.1).
+    """The vector **a** of a fabric: Blender's values divided by ``scales`` (docs/sources.md, The piece of cloth).
 
     A scale of infinity hides an entry, as the official code hides the mass.
     """

@@ -35,7 +35,7 @@ class MeshBatch:
     mesh_of_vertex: Int[Tensor, " vertices"]
     mesh_of_edge: Int[Tensor, " edges"]
     length_scale: Float[Tensor, ""]
-    """Mean rest length of all edges [m]: what is small beside it counts as degenerate."""
+    """Mean rest length of all edges [m]: what is small compared with it counts as degenerate."""
     num_meshes: int
 
     @classmethod

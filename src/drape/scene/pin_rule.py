@@ -1,4 +1,4 @@
-"""Which vertices of a garment are pinned: a list, or a rule that needs no counting."""
+"""Pinned vertices of a garment: a list, or a rule that needs no counting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the rest positions of a cloth say of its faces and of the hinges between them."""
+"""Rest shape of faces and of the hinges between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All that is present in a simulation, checked once: cloth, fabric, pins, forces, body, time."""
+"""A simulation's scene, checked once: cloth, fabric, pins, forces, body, time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a cloth is and how fast it moves, and a stored sequence of that."""
+"""Positions and velocities of a cloth, and a stored sequence of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an animation has to beat: motions that follow from a recorded sequence without any energy."""
+"""Baselines without an energy: motions that follow from a recorded sequence."""
 
 from __future__ import annotations
 

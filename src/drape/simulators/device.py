@@ -1,4 +1,4 @@
-"""Where energies are evaluated, checked before anything is put there."""
+"""The device on which energies are evaluated, checked before anything is put there."""
 
 from __future__ import annotations
 

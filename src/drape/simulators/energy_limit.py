@@ -1,4 +1,4 @@
-"""What nobody works on gains no energy."""
+"""Limit velocities so that undriven cloth gains no energy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every simulator does: one step of a scene, and a report of how it went."""
+"""The interface of simulators: one step of a scene, and a report of how it went."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which energies a scene requires, why, and what each costs."""
+"""The energies that a scene requires, the reason for each, and its cost."""
 
 from __future__ import annotations
 

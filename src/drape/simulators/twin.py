@@ -1,4 +1,4 @@
-"""The same recording, started a millionth of a metre beside: what chaos alone makes of an error."""
+"""Noise floor: the recorded simulation started 1e-6 m to the side, the error that chaos alone makes."""
 
 from __future__ import annotations
 

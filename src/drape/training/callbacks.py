@@ -1,4 +1,4 @@
-"""What every training does besides minimising."""
+"""Callbacks of every training: a stopwatch, and a description of itself in each checkpoint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a training goes on: one process in a folder, from the newest checkpoint that is whole."""
+"""Continuation of a training: one process in a folder, from the newest checkpoint that is whole."""
 
 from __future__ import annotations
 

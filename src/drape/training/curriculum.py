@@ -1,4 +1,4 @@
-"""How the rollouts of a training grow, and how they begin."""
+"""Length and start of the rollouts over a training."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from drape.errors import DrapeError
 
 
 class Curriculum(NamedTuple):
-    """Rollouts of ``min(last, first + iteration // every)`` steps (FACTS 2.2: 1, growing by one every 5000, up to 5).
+    """Rollouts of ``min(last, first + iteration // every)`` steps (published: 1, one more every 5000, up to 5).
 
     A rollout begins at rest with probability ``at_rest``: no velocity, and the body stands still for one step, so that
-    a garment that was fitted to another pose may settle first (HOOD's first frame, FACTS 3.5).
+    a garment that was fitted to another pose may settle first (HOOD's first frame). Both: docs/sources.md.
     """
 
     first: int

@@ -21,13 +21,14 @@ from drape.training.material_data import FabricBalance, MaterialDataModule
 class MaterialTraining(lightning.LightningModule):
     """Minimises the mean of ``|m a - m g + ∂(StVK + bending)/∂x| / (m |g|)`` over vertices of recorded frames.
 
-    The paper names no objective (FACTS 8). This one asks what the simulators that PHYS trains are asked too: to balance
-    forces. Of a frame only the vertices count that :func:`drape.energy.force_balance.force_balance` keeps; the
-    residual is not squared, as a few violent vertices would outweigh all others. m is the estimated density times the
-    area of a vertex. The equation is homogeneous in (ρ, μ, λ, k): only the ratios to the density can be identified, and
-    the density itself is where the training leaves it. That is just as well: a fabric of the data weighs 0.15 to 1 kg
-    for each vertex, about 100 kg/m² or more, far beyond HOOD's range; a garment of the same ratios moves the same, and
-    the density fixes only the scale, which contact forces are measured against.
+    The paper names no objective (docs/sources.md, Stated nowhere). This one asks what the simulators that PHYS trains
+    are asked too: to balance forces. Of a frame only the vertices count that
+    :func:`drape.energy.force_balance.force_balance` keeps; the residual is not squared, as a few violent vertices would
+    outweigh all others. m is the estimated density times the area of a vertex. The equation is homogeneous in (ρ, μ, λ,
+    k): only the ratios to the density can be identified, and the density itself is where the training leaves it. That
+    is just as well: a fabric of the data weighs 0.15 to 1 kg for each vertex, about 100 kg/m² or more, far beyond
+    HOOD's range; a garment of the same ratios moves the same, and the density fixes only the scale, which contact
+    forces are measured against.
 
     Args:
         net: what is trained.

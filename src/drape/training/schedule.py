@@ -11,7 +11,8 @@ Schedule = Callable[[float], float]
 def halving(every: float, begin: float = 0.0, extra: float = 0.0) -> Schedule:
     """Halved each time that ``every``, a fraction of the training, has passed since ``begin``; ``extra`` is added.
 
-    The paper's energies: 4 of 6 epochs. Its simulators: every third after the first tenth, and 0.01 (FACTS 2.2).
+    The paper's energies: 4 of 6 epochs. Its simulators: every third after the first tenth, and 0.01
+    (docs/sources.md, The published schedule of simulators).
     """
     return lambda progress: 0.5 ** math.floor(max(progress - begin, 0.0) / every + 1e-9) + extra
 

@@ -1,4 +1,4 @@
-"""What a training step costs beyond its networks: data, geometry, disturbances, losses, optimiser."""
+"""Cost of a training step beyond its networks: data, geometry, disturbances, losses, optimiser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a recorded piece of cloth is held and what it weighs."""
+"""Pins and masses of a recorded piece of cloth."""
 
 from __future__ import annotations
 

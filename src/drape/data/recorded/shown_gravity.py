@@ -1,4 +1,4 @@
-"""Which gravity the motion of recorded cloth shows, whatever the cloth is made of: a check of rate, unit and axes."""
+"""Gravity estimated from the motion of recorded cloth, whatever it is made of: a check of rate, unit and axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the garments of a training step are made of, and what a network is told of it."""
+"""Fabrics of the garments of a training step, and the numbers that a network gets of them."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class GraphAcceleration(nn.Module):
     """The acceleration of each vertex within a step [m/s²]; 0 at pinned ones.
 
     All vectors are seen from the garment (:class:`Heading`) and the prediction is turned back, so it turns with the
-    scene about the vertical and does not depend on where the scene is. Published: FACTS 2.1 (MGN) and 3 (MGN-H); here
+    scene about the vertical and does not depend on where the scene is. Published: MGN and HOOD (docs/sources.md); here
     the body is met at the closest point of its surface instead of at its nearest vertex, gravity and external force
     are one feature of the nodes, and the scales are constants instead of running statistics. To the accelerations of
     the nodes come those along what they touch, ours: a number from each edge of the mesh along itself, opposite at its

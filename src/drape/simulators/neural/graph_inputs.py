@@ -1,4 +1,4 @@
-"""What a graph network is told of a step: nodes and edges, seen from the garment, in numbers around one."""
+"""Input features of a graph network: nodes and edges, seen from the garment, in numbers around one."""
 
 from __future__ import annotations
 

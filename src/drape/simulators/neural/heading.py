@@ -1,4 +1,4 @@
-"""Which way a garment faces: in its own frame a network cannot tell how the scene is turned about the vertical."""
+"""The heading of a garment: a frame in which features do not depend on a turn about the vertical."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What networks add to: cloth that goes with its body and keeps the lengths of its edges, and nothing else."""
+"""Simulator of the kinematic prior alone: cloth that goes with its body and keeps the lengths of its edges."""
 
 from __future__ import annotations
 

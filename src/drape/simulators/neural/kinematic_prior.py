@@ -1,4 +1,4 @@
-"""Cloth goes with its body and hardly stretches: a network need not learn that, only what the cloth does beyond it."""
+"""Kinematic prior of networks: cloth goes with its body and hardly stretches, without being learned."""
 
 from __future__ import annotations
 

@@ -21,10 +21,11 @@ class LayersAcceleration(nn.Module):
     """The acceleration of each vertex within a step [m/s²]; 0 at pinned ones.
 
     All vectors are seen from the garment (:class:`Heading`), positions from its mean, and the prediction is turned
-    back, so it turns with the scene about the vertical and does not depend on where the scene is. Published: FACTS 4.
-    Here patches are made from the rest mesh (no UV map) and are told where they are at rest; faces of the body, of any
-    mesh, stand for its vertices; gravity, external force and attributes are features, not tokens; the body near a
-    vertex is met at the closest point of its surface; scales are constants; there is no wind and one layer.
+    back, so it turns with the scene about the vertical and does not depend on where the scene is. Published:
+    docs/sources.md, LayersNet. Here patches are made from the rest mesh (no UV map) and are told where they are at
+    rest; faces of the body, of any mesh, stand for its vertices; gravity, external force and attributes are features,
+    not tokens; the body near a vertex is met at the closest point of its surface; scales are constants; there is no
+    wind and one layer.
 
     Args:
         net: makes a :class:`LayersTransformer` from ``(patch_size_in, body_size_in)``.

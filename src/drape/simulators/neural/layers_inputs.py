@@ -1,4 +1,4 @@
-"""What LayersNet is told of a step: patches, faces of the body and vertices, seen from the garment."""
+"""Input features of LayersNet: patches, faces of the body and vertices, seen from the garment."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from drape.simulators.neural.cloths import Cloth, Known, forced
 
 
 class PhysCloths:
-    """All garments of a batch of one material, drawn from HOOD's ranges (FACTS 3.4), weighed by their areas.
+    """All garments of a batch of one material, drawn from HOOD's ranges (docs/sources.md), weighed by their areas.
 
     Args:
         estimates: numbers of :class:`PhysMaterial` by the name of a fabric, as EST has found them; None: HOOD's
