@@ -150,6 +150,28 @@ def clips(folder: Path) -> None:
     bpy.ops.export_scene.fbx(filepath=f"{folder}/clips.fbx", bake_anim_use_all_actions=False)
 
 
+def outfits(folder: Path) -> None:
+    """A skirt of two materials, a floor, and a body in a group that rises by 1 cm a frame, in one file."""
+    empty(24, 3)
+    new("Skirt", *skirt(), materials=2)
+    new("Floor", np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), [[0, 1, 2, 3]], uv=False)
+    bpy.ops.mesh.primitive_cylinder_add(vertices=8, radius=0.15, depth=1.6, location=(0, 0, 0.85))
+    body, group = bpy.context.object, bpy.data.objects.new("Person", None)
+    body.name, body.data.name, body.parent = "Body", "Cylinder", group
+    bpy.context.scene.collection.objects.link(group)
+    for frame in (1, 3):
+        group.location.z = 0.01 * (frame - 1)
+        group.keyframe_insert("location", frame=frame)
+    bpy.context.scene.frame_set(1)
+    whole = {"start": 1, "end": 3, "uvs": False, "normals": False, "as_background_job": False}
+    bpy.ops.wm.obj_export(filepath=f"{folder}/outfit.obj", export_materials=False, export_normals=False)
+    bpy.ops.wm.alembic_export(filepath=f"{folder}/outfit.abc", **whole)
+    bpy.ops.wm.alembic_export(filepath=f"{folder}/outfit_cm.abc", global_scale=100, **whole)  # as Maya has it
+    bpy.ops.wm.usd_export(filepath=f"{folder}/outfit.usdc", export_animation=True, export_materials=False)
+    bpy.ops.export_scene.fbx(filepath=f"{folder}/outfit.fbx", bake_anim_use_nla_strips=False)
+    bpy.ops.export_scene.gltf(filepath=f"{folder}/outfit.glb", export_frame_range=True)
+
+
 def by_trimesh(folder: Path) -> None:
     ball = trimesh.creation.icosphere(subdivisions=1, radius=0.3)
     arm = trimesh.creation.icosphere(subdivisions=1, radius=0.15)
@@ -188,6 +210,16 @@ def by_usd(folder: Path) -> None:
     mesh.CreateFaceVertexIndicesAttr(np.ravel(quads).tolist())
     mesh.CreateSubdivisionSchemeAttr("none")
     stage.GetRootLayer().Save()
+    stage = Usd.Stage.CreateNew(f"{folder}/groups.usda")
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    for number, name in enumerate(("Shirt/mesh", "Person/mesh", "Person/hair")):  # meshes of one name in two groups
+        UsdGeom.Xform.Define(stage, f"/World/{name.split('/')[0]}")
+        mesh = UsdGeom.Mesh.Define(stage, f"/World/{name}")
+        mesh.CreatePointsAttr([Gf.Vec3f(number, 0, 0), Gf.Vec3f(number + 1, 0, 0), Gf.Vec3f(number, 1, 0)])
+        mesh.CreateFaceVertexCountsAttr([3])
+        mesh.CreateFaceVertexIndicesAttr([0, 1, 2])
+    stage.GetRootLayer().Save()
 
 
 if __name__ == "__main__":
@@ -195,5 +227,5 @@ if __name__ == "__main__":
         (HERE / name).mkdir(parents=True, exist_ok=True)
         write(HERE / name)
     (HERE / "blender").mkdir(parents=True, exist_ok=True)
-    for write in (garments, bodies, clips):
+    for write in (garments, bodies, clips, outfits):
         write(HERE / "blender")

@@ -255,3 +255,15 @@ def test_a_foreign_file_is_not_overwritten(tmp_path: Path) -> None:
 
 def test_the_mesh_of_the_tests_is_a_mesh() -> None:
     assert MESH.num_vertices == len(state(0).x) == 49
+
+
+def test_frames_and_body_are_read_when_they_are_asked_for(path: Path) -> None:
+    """A frame that is damaged is refused by whoever reads it, and by nobody else."""
+    with h5py.File(path, "r+") as file:
+        file["x"][2, 0, 0] = np.nan
+    with AnimationFile(path) as file:
+        assert "header" not in vars(file), "its body was not read"
+        np.testing.assert_array_equal(file.x(1), state(1).x)
+        for read in (lambda: file.x(2), lambda: file.state(2), file.trajectory):
+            with pytest.raises(DrapeError, match=r"x: frame 2: found a number that is not finite"):
+                read()

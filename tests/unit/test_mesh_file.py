@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from drape.errors import DrapeError
 from drape.reading.files import read_file
 from drape.scene.grid import square_grid
 from drape.scene.mesh_file import read_cloth, read_triangles
-from drape.scene.proportions import check_garment_and_body
+from drape.scene.proportions import check_garment_and_body, check_upright, perhaps_lying
 
 MESH = square_grid(1.0, 4)
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -138,6 +139,25 @@ BODY = np.array([[-0.3, -0.3, 0.0], [0.3, 0.3, 1.7]])
 def test_a_garment_on_its_body_or_near_it_is_fine():
     for offset in ([0.0, 0.0, 1.0], [1.5, 0.0, 0.0], [0.0, 0.0, 3.0]):
         check_garment_and_body(MESH.rest_positions + offset, BODY, "shirt", "body")
+
+
+@pytest.mark.parametrize(("assumed", "other"), [("z", "y"), ("y", "z")])
+def test_who_lies_as_the_wrong_axis_was_assumed_is_told_the_other_one(assumed, other):
+    """A quarter turn about x, one way or the other."""
+    corners = np.array(list(itertools.product(*BODY.T)))
+    shirt = 0.4 * corners + [0.0, 0.0, 0.8]
+    x, y, z = np.moveaxis(np.stack([corners, shirt]), -1, 0)
+    lying, thrown = np.stack([x, z, -y] if assumed == "z" else [x, -z, y], axis=-1)
+    check_upright(corners, "body", assumed)
+    check_upright(lying, "body", None)
+    with pytest.raises(DrapeError, match=rf"like a person whose up axis is {other}; .*set scene.up_axis={other} "):
+        check_upright(lying, "body", assumed)
+    check_garment_and_body(shirt, corners, "shirt", "body", (assumed, assumed))
+    with pytest.raises(DrapeError, match=f"fit if {other} is up in one of them: set scene.up_axis={other}, or "):
+        check_garment_and_body(thrown, corners, "shirt", "body", (assumed, None))
+    (told,) = perhaps_lying(thrown, assumed)
+    assert f"set scene.up_axis={other}" in told
+    assert perhaps_lying(shirt, assumed) == perhaps_lying(thrown, None) == []
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drape.data.recorded.rest import RestShapes
+from drape.data.recorded.sequence import read_recording
 from drape.errors import DrapeError
 from drape.reading.files import read_file
 from drape.reading.mesh_record import MeshFile, Polygons, ReadMesh
@@ -16,6 +18,7 @@ from drape.reading.polygons import clip_ears, triangulated
 from drape.reading.triangles import looking_outwards, made
 from drape.reading.winding import Sheets, areas
 from drape.scene.mesh import ClothMesh
+from drape.scene.mesh_file import read_cloth
 
 FILES = Path(__file__).parents[1] / "fixtures"
 GARMENTS = ("obj", "ply", "stl", "glb", "gltf")
@@ -118,6 +121,24 @@ def test_usd_says_its_unit_its_axis_its_rate_and_its_first_frame():
     assert (read.source.fps, read.source.first, len(read.positions)) == (30, 10, 4)
     np.testing.assert_allclose(read.positions[:, :, 2], 1 + 0.01 * np.arange(4)[:, None].repeat(9, axis=1), atol=1e-6)
     np.testing.assert_allclose(np.ptp(read.positions[0], axis=0), [0.8, 0.6, 0], atol=1e-6)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs bpy (Python 3.11)")
+@pytest.mark.blender
+def test_alembic_says_neither_unit_nor_axis(tmp_path):
+    """Centimetres, as Maya writes them: taken for metres, the sentence says what would fit, of recordings too."""
+    path = FILES / "blender" / "outfit_cm.abc"
+    source = read_file(path, animated=True, wanted="Body")
+    assert (source.unit, source.up) == (None, None)
+    np.testing.assert_allclose(np.ptp(source.positions[0], axis=0), [30, 160, 30], atol=1e-3)
+    np.testing.assert_allclose(np.ptp(made(source, 0.01).positions[0], axis=0), [0.3, 0.3, 1.6], atol=1e-5)
+    np.testing.assert_array_equal(made(source, up_axis="z").source.positions, source.positions)
+    assert made(source, up_axis="z").form.up == "z"
+    with pytest.raises(DrapeError, match=r"_cm\.abc: found a cloth 60 m long, .*\(scale 0\.01\).*: set scene\.scale"):
+        read_cloth(path, wanted="Skirt")
+    data = {"fps": None, "scale": None, "up_axis": None, "object": "Body", "rest": "first"}
+    with pytest.raises(DrapeError, match=r"0: found a cloth of 166 m; .*\(scale 0\.01\).*: set data\.scale"):
+        RestShapes(data).mesh(read_recording(path, data))
 
 
 # Winding

@@ -1,14 +1,15 @@
 """A process that reads meshes which only Blender opens: ``python -m drape.blender.read_meshes``.
 
-A request has the ``path`` of a file, the npz file for ``arrays``, ``dt``, ``frames`` and ``clip``; in the npz are then
-``corners``, ``sizes``, ``positions`` (``frames vertices 3``) of all meshes as one, ``uv`` and ``material``; the answer
-has what is no array. bpy and numpy only; no torch.
+A request has the ``path`` of a file, the npz file for ``arrays``, ``dt``, ``frames``, ``clip`` and the object that is
+``wanted``; in the npz are then ``corners``, ``sizes``, ``positions`` (``frames vertices 3``) of all its meshes as one,
+``uv`` and ``material``; the answer has what is no array. bpy and numpy only; no torch.
 """
 
 from __future__ import annotations
 
 import importlib.util
 import math
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 from drape.blender.clips import chosen_clip, keyed
 from drape.blender.process import serve
 from drape.errors import DrapeError
+from drape.reading.objects import chosen, said
 
 CLOCK = 6000
 """Frames per second inside Blender: it rounds times of a file to frames; 24, 25, 30, 50, 60, 120, 240 divide this."""
@@ -40,14 +42,17 @@ def answer(request: Mapping) -> dict:
         DrapeError: see :func:`read`; or Blender cannot open the file.
     """
     try:
-        arrays, rest = read(Path(request["path"]), request["dt"], request["frames"], request["clip"])
+        options = (request[name] for name in ("dt", "frames", "clip", "wanted"))
+        arrays, rest = read(Path(request["path"]), *options)
     except RuntimeError as error:  # how Blender's operators fail
         raise DrapeError(f"Blender cannot open it ({str(error).strip()}); export it again") from error
     np.savez(request["arrays"], **arrays)
     return rest
 
 
-def read(path: Path, dt: float | None, frames: int | None, clip: str | None) -> tuple[dict[str, np.ndarray], dict]:
+def read(
+    path: Path, dt: float | None, frames: int | None, clip: str | None, wanted: str | None = None
+) -> tuple[dict[str, np.ndarray], dict]:
     """Polygons, positions in metres with +z up per frame, texture coordinates; frames per second and the first one.
 
     glTF and Alembic count in seconds: positions at ``k * dt`` from the first key on, k = 0..``frames`` or to the end;
@@ -56,7 +61,8 @@ def read(path: Path, dt: float | None, frames: int | None, clip: str | None) -> 
     frame a time code, no rate.
 
     Raises:
-        DrapeError: no Blender, no mesh in the file, several clips, a topology that changes.
+        DrapeError: no Blender, no mesh in the file, no object of the name ``wanted``, several clips, a topology that
+            changes.
     """
     if importlib.util.find_spec("bpy") is None:
         raise DrapeError(
@@ -69,15 +75,16 @@ def read(path: Path, dt: float | None, frames: int | None, clip: str | None) -> 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.scene.render.fps = CLOCK
     _open(bpy, path)
-    said = chosen_clip(bpy, path.suffix.lower(), clip) if frames != 0 else []
+    things, told = _wanted(bpy, path, wanted)
+    told += chosen_clip(bpy, path.suffix.lower(), clip) if frames != 0 else []
     first, last, clock = _range(bpy, path)
-    rate = None if clock is None else (1.0 / dt if dt else _rate(bpy, path, first, last, clock))
+    rate = None if clock is None else (1.0 / dt if dt else _rate(bpy, path, things, (first, last, clock)))
     step = 1.0 if rate is None else clock / rate
     count = int((last - first) / step + 1e-6) + 1
     wanted = min(count, _needed(frames, rate if dt is None else None) + 1) if rate or not frames else count
     arrays, moments = None, []
     for frame in range(wanted):
-        positions, found = _joined(bpy, first + frame * step)
+        positions, found = _joined(bpy, things, first + frame * step)
         if arrays is not None and not all(np.array_equal(found[name], arrays[name]) for name in ("corners", "sizes")):
             raise DrapeError(
                 f"frame {frame}: found {len(positions)} vertices and {len(found['sizes'])} faces that are not those of "
@@ -91,7 +98,7 @@ def read(path: Path, dt: float | None, frames: int | None, clip: str | None) -> 
     materials = arrays.pop("names")
     start = int(first) if rate is None else round(first / clock * rate)
     return arrays | {"positions": np.stack(moments)}, {
-        "fps": None if rate is None else float(rate), "first": start, "materials": materials, "said": said,
+        "fps": None if rate is None else float(rate), "first": start, "materials": materials, "said": told,
     }  # fmt: skip
 
 
@@ -104,7 +111,23 @@ def _open(bpy, path: Path) -> None:
     elif kind == ".fbx":
         bpy.ops.wm.fbx_import(filepath=name)
     else:
-        bpy.ops.wm.usd_import(filepath=name, set_frame_range=True)
+        bpy.ops.wm.usd_import(filepath=name, set_frame_range=True, merge_parent_xform=False)
+
+
+def _wanted(bpy, path: Path, wanted: str | None) -> tuple[list, list[str]]:
+    """The objects with meshes that are read, in the order of their names, and what there is to say about them."""
+    things = sorted((thing for thing in bpy.context.scene.objects if thing.type == "MESH"), key=lambda each: each.name)
+    paths = [_path(thing, path.suffix.lower().startswith(".usd")) for thing in things]
+    return [things[number] for number in chosen(paths, wanted)], said(paths, wanted)
+
+
+def _path(thing, numbered: bool) -> tuple[str, ...]:
+    """Names of the objects above it and its own; ``numbered``: a dot and digits are Blender's, as USD allows none."""
+    names = []
+    while thing:
+        names.insert(0, re.sub(r"\.\d+$", "", thing.name) if numbered else thing.name)
+        thing = thing.parent
+    return tuple(names)
 
 
 def _range(bpy, path: Path) -> tuple[float, float, float | None]:
@@ -119,8 +142,9 @@ def _range(bpy, path: Path) -> tuple[float, float, float | None]:
     return min((start for start, _ in ranges), default=0.0), max((end for _, end in ranges), default=0.0), clock
 
 
-def _rate(bpy, path: Path, first: float, last: float, clock: float) -> float:
+def _rate(bpy, path: Path, things: list, moments: tuple[float, float, float]) -> float:
     """Frames per second of what stands still or was not told a rate: of the keys, or between linear samples."""
+    first, last, clock = moments
     if path.suffix.lower() == ".fbx":
         return clock
     if path.suffix.lower() in GLTF:
@@ -131,7 +155,8 @@ def _rate(bpy, path: Path, first: float, last: float, clock: float) -> float:
         step = clock / rate
         count = round((last - first) / step)
         at = first + step * np.unique(np.linspace(0, count - 1, PROBES).astype(int))
-        before, middle, after = (np.stack([_joined(bpy, t + share * step)[0] for t in at]) for share in (0, 0.5, 1))
+        shares = (0, 0.5, 1)
+        before, middle, after = (np.stack([_joined(bpy, things, t + s * step)[0] for t in at]) for s in shares)
         size = np.ptp(before.reshape(-1, 3), axis=0).max()
         if np.abs(0.5 * (before + after) - middle).max() < 1e-5 * size:
             return rate
@@ -153,15 +178,13 @@ def _needed(frames: int | None, rate: float | None) -> int:
     return sys.maxsize if frames is None else math.ceil(frames * max(1.0, (rate or OTHERWISE) / OTHERWISE))
 
 
-def _joined(bpy, time: float) -> tuple[np.ndarray, dict]:
-    """Positions in world space at a time, and polygons of all meshes."""
+def _joined(bpy, things: list, time: float) -> tuple[np.ndarray, dict]:
+    """Positions in world space at a time, and polygons of all meshes of ``things``."""
     bpy.context.scene.frame_set(math.floor(time), subframe=time - math.floor(time))
     graph = bpy.context.evaluated_depsgraph_get()
     positions, count, names = [], 0, []
     parts = {"corners": [], "sizes": [], "uv": [], "material": []}
-    for thing in sorted(bpy.context.scene.objects, key=lambda thing: thing.name):
-        if thing.type != "MESH":
-            continue
+    for thing in things:
         evaluated = thing.evaluated_get(graph)
         mesh = evaluated.to_mesh()
         world = np.array(evaluated.matrix_world, np.float64)

@@ -103,12 +103,13 @@ class AnimationHeader:
 
 
 class AnimationFile:
-    """An animated scene opened for reading; frames are read when they are asked for.
+    """An animated scene opened for reading; frames of the cloth and the body are read when they are asked for.
 
     ``num_frames`` are there, ``header.frames`` were wanted: fewer where the simulation was interrupted.
 
     Raises:
-        DrapeError: no such file, not HDF5 or cut off, or not what :data:`FIELDS` says.
+        DrapeError: no such file, not HDF5 or cut off, or not what :data:`FIELDS` says; when it is read, a frame that
+            is damaged or not finite.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -142,20 +143,17 @@ class AnimationFile:
             check_field(self._file, self.path, Field(f"numbers/{name}", ("frames",), "float64", unit, ""), lengths)
 
     def _check_values(self) -> None:
-        """What no animation can have: faces of no vertex, nothing that weighs, frames that are not finite."""
-        header, vertices = self.header, len(self.header.rest_positions)
-        if not (header.faces.min() >= 0 and header.faces.max() < vertices):
-            raise DrapeError(f"{self.path}: mesh/faces: found {header.faces.max()}; expected 0..{vertices - 1}")
-        if not sound(header.rest_positions).all():
+        """What no animation can have: faces of no vertex, nothing that weighs, more frames than were wanted."""
+        rest, faces, mass = (self._file[f"mesh/{name}"][:] for name in ("rest_positions", "faces", "mass"))
+        if not (faces.min() >= 0 and faces.max() < len(rest)):
+            raise DrapeError(f"{self.path}: mesh/faces: found {faces.max()}; expected 0..{len(rest) - 1}")
+        if not sound(rest).all():
             raise DrapeError(f"{self.path}: mesh/rest_positions: found a number that is not finite")
-        if not (header.mass > 0).all():
-            raise DrapeError(f"{self.path}: mesh/mass: found {header.mass.min()}; expected numbers above 0 [kg]")
-        if not self.num_frames <= header.frames:
-            raise DrapeError(f"{self.path}: x: found {self.num_frames} frames; expected at most {header.frames}")
-        for name in ("x", "v"):
-            for frame in range(self.num_frames):
-                if not np.isfinite(self._file[name][frame]).all():
-                    raise DrapeError(f"{self.path}: {name}: frame {frame}: found a number that is not finite")
+        if not (mass > 0).all():
+            raise DrapeError(f"{self.path}: mesh/mass: found {mass.min()}; expected numbers above 0 [kg]")
+        wanted = plain(self._file.attrs["frames_wanted"])
+        if not self.num_frames <= wanted:
+            raise DrapeError(f"{self.path}: x: found {self.num_frames} frames; expected at most {wanted}")
 
     def __enter__(self) -> AnimationFile:
         return self
@@ -174,11 +172,15 @@ class AnimationFile:
     @property
     def is_complete(self) -> bool:
         """All frames that were wanted are there."""
-        return self.num_frames == self.header.frames
+        return self.num_frames == plain(self._file.attrs["frames_wanted"])
 
     @cached_property
     def header(self) -> AnimationHeader:
         """Meshes, masses, body, time, configuration."""
+        with reading(self.path, f"make it again with: {COMMAND}"):
+            return self._header()
+
+    def _header(self) -> AnimationHeader:
         file, attributes = self._file, {name: plain(self._file.attrs[name]) for name in ATTRIBUTES}
         names = attributes["columns"]
         return AnimationHeader(
@@ -207,11 +209,16 @@ class AnimationFile:
     def _frame(self, name: str, frame: int) -> np.ndarray:
         if not 0 <= frame < self.num_frames:
             raise DrapeError(f"{self.path}: {name}: asked for frame {frame}; expected 0..{self.num_frames - 1}")
-        return self._file[name][frame]
+        with reading(self.path, f"make it again with: {COMMAND}"):
+            found = self._file[name][frame]
+        if not np.isfinite(found).all():
+            raise DrapeError(f"{self.path}: {name}: frame {frame}: found a number that is not finite")
+        return found
 
     def trajectory(self) -> Trajectory:
         """All frames at once."""
-        return Trajectory(self._file["x"][:], self._file["v"][:], self.header.dt)
+        x, v = (np.stack([self._frame(name, frame) for frame in range(self.num_frames)]) for name in ("x", "v"))
+        return Trajectory(x, v, plain(self._file.attrs["dt"]))
 
     def numbers(self) -> dict[str, Float[np.ndarray, " frames"]]:
         """Per name of ``header.columns`` a value for each frame; NaN where nothing was measured."""

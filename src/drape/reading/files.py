@@ -18,6 +18,7 @@ from drape.reading.arrays_file import read_arrays
 from drape.reading.blender_file import read_with_blender
 from drape.reading.mesh_record import MeshFile, Polygons
 from drape.reading.obj_file import read_obj
+from drape.reading.objects import of_object
 
 GLTF = (".glb", ".gltf")
 ARRAYS = (".npz", ".h5", ".hdf5")
@@ -45,20 +46,22 @@ def read_file(
     dt: float | None = None,
     frames: int | None = None,
     clip: str | None = None,
+    wanted: str | None = None,
 ) -> MeshFile:
     """The meshes of a file, or of a folder with one file a frame in natural order (``body_2`` before ``body_10``).
 
     OBJ, PLY and STL hold one frame; npz and HDF5 arrays; the rest is opened by Blender, glTF only where it has to be
     (an ``animated`` one, with skins, or compressed). What Blender opens is sampled every ``dt`` [s], None for the
     rate of the file, in at most ``frames`` + 1 frames; only its first frame if it is not ``animated``. ``clip``: which
-    animation of the file is played, if it has several.
+    animation of the file is played, if it has several. ``wanted``: the object, or the group of objects, that is read of
+    a file of several; None for all of them as one mesh.
 
     Raises:
-        DrapeError: no such file, a kind that cannot be read with the way out, a file that is broken.
+        DrapeError: no such file, a kind that cannot be read with the way out, a file that is broken, no such object.
     """
     path = Path(path).expanduser()
     if path.is_dir():
-        return _folder(path)
+        return _folder(path, wanted)
     if not path.exists():
         raise DrapeError(f"{path}: no such file or folder; give the path of a mesh ({', '.join(KINDS)})")
     kind = path.suffix.lower()
@@ -67,15 +70,16 @@ def read_file(
         known = f"expected a folder of meshes or one of {', '.join(KINDS)}" if hint is None else hint
         raise DrapeError(f"{path}: found a file of kind {kind or 'nothing'!r}; {known}")
     if kind in ARRAYS:
-        return read_arrays(path)
+        return of_object(read_arrays(path), wanted)
     if kind in BLENDER or (kind in GLTF and (animated or _needs_blender(path))):
-        return read_with_blender(path, dt if animated else None, frames if animated else 0, clip)
+        return read_with_blender(path, dt if animated else None, frames if animated else 0, clip, wanted)
     try:
-        return READERS[kind](path)
+        source = READERS[kind](path)
     except Exception as error:  # a parser may fail in any way
         raise DrapeError(
             f"{path}: cannot be read as {kind[1:].upper()} ({type(error).__name__}: {error}); export the mesh again"
         ) from error
+    return of_object(source, wanted)
 
 
 def natural_order(path: Path) -> list[tuple[int, int, str]]:
@@ -84,14 +88,14 @@ def natural_order(path: Path) -> list[tuple[int, int, str]]:
     return [(1, int(part), part) if part.isdigit() else (0, 0, part) for part in parts if part]
 
 
-def _folder(folder: Path) -> MeshFile:
+def _folder(folder: Path, wanted: str | None) -> MeshFile:
     files = sorted((file for file in folder.iterdir() if file.suffix.lower() in MESHES), key=natural_order)
     if not files:
         raise DrapeError(f"{folder}: found no mesh in this folder; expected one file a frame ({', '.join(MESHES)})")
-    first = read_file(files[0])
+    first = read_file(files[0], wanted=wanted)
     moments = [first.positions]
     for file in files[1:]:
-        other = read_file(file)
+        other = read_file(file, wanted=wanted)
         if other.positions.shape != first.positions.shape or not other.polygons.same_as(first.polygons):
             counts = [(mesh.positions.shape[1], len(mesh.polygons.sizes)) for mesh in (other, first)]
             raise DrapeError(
@@ -142,21 +146,37 @@ def _by_trimesh(path: Path) -> MeshFile:
     positions = np.concatenate([mesh.vertices for mesh in meshes]).astype(np.float64)[None]
     return MeshFile(
         path, Polygons.of_faces(faces), positions, uv=uv, materials=materials,
-        material=np.concatenate(each) if materials else None,
-        unit=1.0 if is_gltf else None, up="y" if is_gltf else None,
+        material=np.concatenate(each) if materials else None, **says, **_nodes(scene, meshes, path),
     )  # fmt: skip
+
+
+def _nodes(scene: trimesh.Scene, meshes: list[trimesh.Trimesh], path: Path) -> dict:
+    """The fields ``objects`` and ``object`` of glTF; trimesh makes nodes of its own for meshes of several materials."""
+    named = {node.get("name") for node in _document(path).get("nodes", ())} if path.suffix.lower() in GLTF else set()
+    above, objects, each = scene.graph.transforms.parents, {}, []
+    for mesh in meshes:
+        node, names = mesh.metadata["node"], []
+        while node in above:
+            names[:0] = [node] if node in named else []
+            node = above[node]
+        each += [objects.setdefault(tuple(names), len(objects))] * len(mesh.faces)
+    return {"objects": tuple(objects), "object": np.array(each, np.int64)}
 
 
 def _needs_blender(path: Path) -> bool:
     """Whether trimesh would read zeros (compressed) or the wrong place (skins)."""
+    return bool({"skins", "extensionsRequired"} & set(_document(path)))
+
+
+def _document(path: Path) -> dict:
+    """The JSON of a glTF file; empty where it is broken, as whoever reads the meshes says what is wrong."""
     try:
         content = path.read_bytes()
         if path.suffix.lower() == ".glb":
             content = content[20 : 20 + struct.unpack("<I", content[12:16])[0]]
-        document = json.loads(content)
+        return json.loads(content)
     except (ValueError, struct.error):
-        return False  # whoever reads it says what is wrong
-    return bool({"skins", "extensionsRequired"} & set(document))
+        return {}
 
 
 READERS: dict[str, Callable[[Path], MeshFile]] = {

@@ -51,11 +51,17 @@ class MeshFile:
     """Metres per unit; None where the file does not say."""
     up: str | None = None
     """``y`` or ``z``; None where the file does not say."""
+    usual: str = "z"
+    """What is up where neither the file nor anybody says."""
     uv: Float[np.ndarray, "corners 2"] | None = None
     """Texture coordinates of each corner, NaN where it has none; None where no corner has."""
     materials: tuple[str, ...] = ()
     material: Int[np.ndarray, " polygons"] | None = None
     """Which of ``materials`` each polygon has, -1 for none."""
+    objects: tuple[tuple[str, ...], ...] = ()
+    """Of each object that the file names: the groups that it stands in, and its own name last."""
+    object: Int[np.ndarray, " polygons"] | None = None
+    """Which of ``objects`` each polygon belongs to."""
     said: tuple[str, ...] = ()
     """What reading has to say beyond the meshes, such as which clip was taken."""
 

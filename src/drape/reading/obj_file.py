@@ -10,7 +10,7 @@ from drape.reading.mesh_record import MeshFile, Polygons
 
 
 def read_obj(path: Path) -> MeshFile:
-    """Vertices and faces of all objects; normals, lines, points and curves are not read.
+    """Vertices and faces of all objects (``o``) and groups (``g``); normals, lines, points and curves are not read.
 
     Raises:
         ValueError: a line that cannot be read; it is quoted.
@@ -18,7 +18,7 @@ def read_obj(path: Path) -> MeshFile:
     text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\\\n", " ").replace("\\\r\n", " ")
     vertices, textures, corners, textured, sizes, material = [], [], [], [], [], []
     names: dict[str, int] = {}
-    current = -1
+    current, objects, within, owner = -1, {}, {"o": [], "g": []}, []
     for number, line in enumerate(text.splitlines(), 1):
         words = line.partition("#")[0].split()
         try:
@@ -28,12 +28,15 @@ def read_obj(path: Path) -> MeshFile:
                 textures.append([float(word) for word in (*words[1:3], "0")[:2]])
             elif words[:1] == ["usemtl"]:
                 current = names.setdefault(" ".join(words[1:]), len(names))
+            elif words[:1] in (["o"], ["g"]):
+                within[words[0]] = [" ".join(words[1:])] if words[0] == "o" else words[:0:-1]  # its own group first
             elif words[:1] == ["f"]:
                 parts = [word.split("/") for word in words[1:]]
                 corners += [_place(part[0], len(vertices)) for part in parts]
                 textured += [_place(part[1], len(textures)) if part[1:] and part[1] else -1 for part in parts]
                 sizes.append(len(parts))
                 material.append(current)
+                owner.append(objects.setdefault((*within["o"], *within["g"]), len(objects)))
         except ValueError as error:
             raise ValueError(f"line {number}, {line.strip()[:60]!r}: {error}") from error
     if any(len(vertex) != 3 for vertex in vertices):
@@ -48,6 +51,8 @@ def read_obj(path: Path) -> MeshFile:
         uv=uv,
         materials=tuple(names),
         material=np.array(material, np.int64) if names else None,
+        objects=tuple(objects),
+        object=np.array(owner, np.int64),
     )
 
 

@@ -22,8 +22,9 @@ def made(
     """Triangles of a file's polygons; whatever was changed on the way is counted in ``changes``.
 
     ``scale``: metres per unit, on top of what the file says of itself; None for 1. ``up_axis``: ``y`` or ``z`` in a
-    file that does not say, None for z. Copies of a vertex become one, at the place of the first, in the order of the
-    file: exact ones, and the two sides of seams that are at most ``weld`` [m] apart, None for 1 % of the median edge.
+    file that does not say, None for what is usual there. Copies of a vertex become one, at the place of the first, in
+    the order of the file: exact ones, and the two sides of seams that are at most ``weld`` [m] apart, None for 1 % of
+    the median edge.
 
     Raises:
         DrapeError: no face, an index out of range, positions that are not finite, a scale, an axis or a distance that
@@ -83,7 +84,7 @@ def _unit(source: MeshFile, scale: float | None) -> float:
 def _upright(source: MeshFile, up_axis: str | None) -> str:
     if up_axis not in ("y", "z", None):
         raise DrapeError(f"{source.path}: up_axis: found {up_axis!r}; expected y or z")
-    return source.up or up_axis or "z"
+    return source.up or up_axis or source.usual
 
 
 def to_metres(positions: Float[np.ndarray, "... 3"], scale: float, up: str) -> Float[np.ndarray, "... 3"]:

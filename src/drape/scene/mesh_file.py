@@ -31,29 +31,34 @@ def read_triangles(path: Path | str) -> tuple[Float[np.ndarray, "vertices 3"], I
 
 
 def read_cloth(
-    path: Path | str, scale: float | None = None, up_axis: str | None = None, weld: float | None = None
+    path: Path | str,
+    scale: float | None = None,
+    up_axis: str | None = None,
+    weld: float | None = None,
+    wanted: str | None = None,
 ) -> tuple[ClothMesh, ReadMesh]:
     """A cloth in its rest state, and what was read and changed for it; see :func:`drape.reading.triangles.made`.
 
-    A garment of several parts that touch nowhere is allowed: each moves on its own.
+    ``wanted``: which object of the file it is, if there are several. A garment of several parts that touch nowhere is
+    allowed: each moves on its own.
 
     Raises:
         DrapeError: see :func:`drape.reading.files.read_file`, :func:`drape.reading.triangles.made`,
             :meth:`ClothMesh.from_faces` and :func:`check_cloth_size`; the sentence opens with the path.
     """
     with reading(path, "export it again"):
-        read = made(read_file(path), scale, up_axis, weld)
+        read = made(read_file(path, wanted=wanted), scale, up_axis, weld)
     check_cloth_size(read.positions[0], str(path), asked=scale is not None)
     return ClothMesh.from_faces(read.positions[0], read.faces, name=str(path)), read
 
 
-def read_pose(path: Path | str, read: ReadMesh) -> Float[np.ndarray, "vertices 3"]:
-    """Positions [m] of a cloth that was read, from a file with the same mesh in another pose.
+def read_pose(path: Path | str, read: ReadMesh, wanted: str | None = None) -> Float[np.ndarray, "vertices 3"]:
+    """Positions [m] of a cloth that was read, from a file with the same mesh, its object ``wanted``, in another pose.
 
     Raises:
         DrapeError: another mesh.
     """
-    posed = read_file(path)
+    posed = read_file(path, wanted=wanted)
     if posed.positions.shape[1:] != read.source.positions.shape[1:] or not posed.polygons.same_as(read.source.polygons):
         raise DrapeError(
             f"{path}: found {_told(posed)} that are not those of {read.source.path} ({_told(read.source)}); expected "

@@ -29,22 +29,24 @@ def read_body(
     up_axis: str | None = None,
     clip: str | None = None,
     weld: float | None = None,
+    wanted: str | None = None,
 ) -> ReadMesh:
     """A body in all frames of its file, at the file's own rate or, where Blender opens it, every ``dt`` [s].
 
     * a mesh file: a body that stands still; glTF is opened by Blender, as it may be animated, and may stand still too;
     * a folder of mesh files in natural order (``body_2`` before ``body_10``), one a frame;
     * npz or HDF5 with ``faces``, ``positions`` and perhaps ``fps``;
-    * glTF, Alembic, USD, FBX: through Blender, all meshes of the file; ``clip`` if there are several.
+    * glTF, Alembic, USD, FBX: through Blender; ``clip`` if there are several.
 
+    All meshes of the file, or those of the object or the group ``wanted``.
     ``fps`` [1/s] is for those that do not say theirs: folders, USD. ``scale``, ``up_axis``, ``weld``: see
     :func:`drape.reading.triangles.made`.
 
     Raises:
-        DrapeError: a path, a file or a topology that is no body, NaN, no known rate, no such clip.
+        DrapeError: a path, a file or a topology that is no body, NaN, no known rate, no such clip or object.
     """
     with reading(path, "export it again"):
-        source = read_file(path, animated=True, dt=dt, frames=frames, clip=clip)
+        source = read_file(path, animated=True, dt=dt, frames=frames, clip=clip, wanted=wanted)
         return made(replace(source, fps=_rate(source, fps)), scale, up_axis, weld)
 
 

@@ -26,8 +26,10 @@ def size(positions: Float[np.ndarray, "... 3"]) -> float:
     return float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
 
 
-def check_cloth_size(positions: Float[np.ndarray, "vertices 3"], where: str, asked: bool = False) -> None:
-    """Refuse a cloth whose unit cannot be the metre; ``asked``: the scale was given, so that unusual sizes are meant.
+def check_cloth_size(
+    positions: Float[np.ndarray, "vertices 3"], where: str, asked: bool = False, setting: str = "scene.scale"
+) -> None:
+    """Refuse a cloth whose unit cannot be the metre; ``asked``: its ``setting`` was given, unusual sizes are meant.
 
     Raises:
         DrapeError: smaller than 1 cm or larger than 100 m; no size of clothes, unless ``asked``.
@@ -36,12 +38,12 @@ def check_cloth_size(positions: Float[np.ndarray, "vertices 3"], where: str, ask
     if not SMALLEST <= size(positions) <= LARGEST:
         raise DrapeError(
             f"{where}: found a cloth of {size(positions):.3g} m; expected {SMALLEST} to {LARGEST:.0f} m; "
-            f"{_units(longest)}: set scene.scale"
+            f"{_units(longest)}: set {setting}"
         )
     if not asked and not CLOTHES[0] <= longest <= CLOTHES[1]:
         raise DrapeError(
             f"{where}: found a cloth {longest:.3g} m long, if its unit is the metre; expected {CLOTHES[0]:g} to "
-            f"{CLOTHES[1]:g} m; {_units(longest)}: set scene.scale, to 1 if it is so large"
+            f"{CLOTHES[1]:g} m; {_units(longest)}: set {setting}, to 1 if it is so large"
         )
 
 
@@ -54,34 +56,46 @@ def _units(longest: float) -> str:
     return f"the file seems to have another unit: it would be {told}"
 
 
-def check_upright(positions: Float[np.ndarray, "vertices 3"], where: str) -> None:
-    """Refuse a body that lies like a person whose up axis is y, in a file that does not say what is up.
+OTHER = {"z": "y", "y": "z"}
+"""The axis that may be up instead."""
+
+
+def check_upright(positions: Float[np.ndarray, "vertices 3"], where: str, assumed: str | None) -> None:
+    """Refuse a body that lies like a person of another up axis, where one was ``assumed`` as nobody says it.
 
     As tall as people along y, half as deep along z or less, standing on y = 0 with z = 0 inside it.
 
     Raises:
         DrapeError: it does.
     """
+    if assumed is None:
+        return
     (_, low_y, low_z), (_, high_y, high_z) = positions.min(axis=0), positions.max(axis=0)
     tall, deep = high_y - low_y, high_z - low_z
-    stands = abs(low_y) < 0.06 * tall and low_z < 0.0 < high_z
+    stands = abs(low_y if assumed == "z" else high_y) < 0.06 * tall and low_z < 0.0 < high_z
     if PEOPLE[0] <= tall <= PEOPLE[1] and 0.05 * tall < deep < 0.5 * tall and stands:
         raise DrapeError(
             f"{where}: found a body {tall:.3g} m long along y and {deep:.3g} m high along z, lying like a person whose "
-            "up axis is y; expected +z up; set scene.up_axis=y (scene.body_up_axis=y for the body alone), or z if it "
-            "does lie"
+            f"up axis is {OTHER[assumed]}; expected +z up; set scene.up_axis={OTHER[assumed]} "
+            f"(scene.body_up_axis={OTHER[assumed]} for the body alone), or {assumed} if it does lie"
         )
 
 
-def perhaps_lying(positions: Float[np.ndarray, "vertices 3"]) -> list[str]:
-    """What to say of a garment without a body that hangs above y = 0 around z = 0, as those of y-up files do."""
+def perhaps_lying(positions: Float[np.ndarray, "vertices 3"], assumed: str | None) -> list[str]:
+    """What to say of a garment without a body that lies as those of another up axis do than was ``assumed``.
+
+    For z: it is above y = 0 around z = 0; for y: below y = 0.
+    """
+    if assumed is None:
+        return []
+    positions = positions * [1.0, 1.0 if assumed == "z" else -1.0, 1.0]
     (low_x, low_y, low_z), (high_x, high_y, high_z) = positions.min(axis=0), positions.max(axis=0)
     around = abs(low_x + high_x) < 0.4 * (high_x - low_x) and low_z < 0.0 < high_z
     if not (around and low_y > max(0.2, 0.2 * (high_y - low_y))):
         return []
     return [
-        f"the garment is {low_y:.3g} to {high_y:.3g} m along y and around 0 along z: perhaps y is up in its file (then "
-        "set scene.up_axis=y)"
+        f"the garment is {low_y:.3g} to {high_y:.3g} m along y and around 0 along z: perhaps {OTHER[assumed]} is up in "
+        f"its file (then set scene.up_axis={OTHER[assumed]})"
     ]
 
 
@@ -90,13 +104,13 @@ def check_garment_and_body(
     body: Float[np.ndarray, "body_vertices 3"],
     garment_where: str,
     body_where: str,
-    unsaid: tuple[bool, bool] = (False, False),
+    assumed: tuple[str | None, str | None] = (None, None),
 ) -> None:
-    """Refuse a garment and a body that cannot belong together; ``unsaid``: nobody said what is up in their files.
+    """Refuse a garment and a body that cannot belong together; ``assumed``: what is up, where nobody says it.
 
     Raises:
         DrapeError: sizes that differ by more than a factor of 10; bounding boxes further apart than the body's size; a
-            garment that would be around the body if one of them were turned from y up.
+            garment that would be around the body if one of them were turned to another up axis.
     """
     garment_size, body_size = size(garment), size(body)
     both = f"{garment_where} and {body_where}"
@@ -108,12 +122,15 @@ def check_garment_and_body(
             f"{RATIO:.0f}; they seem to have different units ({who}: {_units(longest)}): set scene.scale (cloth) or "
             "scene.body_scale"
         )
-    turns = (("up_axis", unsaid[0], _turned(garment), body), ("body_up_axis", unsaid[1], garment, _turned(body)))
-    for setting, may_be, first, second in turns:
-        if may_be and _shared(garment, body) < 0.2 and _shared(first, second) > 0.8:
+    turns = (
+        ("up_axis", assumed[0], _turned(garment, assumed[0]), body),
+        ("body_up_axis", assumed[1], garment, _turned(body, assumed[1])),
+    )
+    for setting, axis, first, second in turns:
+        if axis and _shared(garment, body) < 0.2 and _shared(first, second) > 0.8:
             raise DrapeError(
-                f"{both}: found them beside each other, but they fit if y is up in one of them: set scene.{setting}=y, "
-                f"or scene.{setting}=z if they are meant so"
+                f"{both}: found them beside each other, but they fit if {OTHER[axis]} is up in one of them: set "
+                f"scene.{setting}={OTHER[axis]}, or scene.{setting}={axis} if they are meant so"
             )
     distance = float(np.linalg.norm(_gap(garment, body)))
     if distance > body_size:
@@ -147,5 +164,7 @@ def _shared(garment: np.ndarray, body: np.ndarray) -> float:
     return float(np.clip(length / np.maximum(np.ptp(garment, axis=0), 1e-9), 0.0, 1.0).min())
 
 
-def _turned(positions: np.ndarray) -> np.ndarray:
-    return np.stack([positions[:, 0], -positions[:, 2], positions[:, 1]], axis=1)
+def _turned(positions: np.ndarray, assumed: str | None) -> np.ndarray:
+    """As they would be if the other axis were up in their file than was assumed."""
+    sign = -1.0 if assumed == "y" else 1.0
+    return np.stack([positions[:, 0], -sign * positions[:, 2], sign * positions[:, 1]], axis=1)

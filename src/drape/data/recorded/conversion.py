@@ -34,7 +34,7 @@ def convert_recorded(data: Mapping) -> tuple[RecordingFile, bool]:
     path, paths = Path(data["path"]), find_sequences(Path(data["root"]))
     rest = None if data["rest"] in (None, "first") else Path(data["rest"]).absolute()
     paths = [each for each in paths if each.absolute() != rest]
-    config = {"data": {key: value for key, value in data.items() if key != "path"}}
+    config = {"data": _stored(data)}
     config["bytes"] = {each.name: _bytes(each) for each in paths}
     if path.exists():
         file = open_trajectories(path)
@@ -171,6 +171,13 @@ def _positive(value: object, where: str, *, zero: bool = False) -> float:
     if not isinstance(value, int | float) or not np.isfinite(value) or value < 0 or (value == 0 and not zero):
         raise DrapeError(f"{where}: found {value!r}; expected a number {'from 0 on' if zero else 'above 0'}")
     return float(value)
+
+
+def _stored(data: Mapping) -> dict:
+    """What a file keeps of its config: null as data sets have it that were made when there was no null."""
+    unsaid = {"path", *(key for key in ("object", "rest_object") if data[key] is None)}
+    stored = {key: value for key, value in data.items() if key not in unsaid}
+    return stored | {"scale": 1.0 if data["scale"] is None else data["scale"], "up_axis": data["up_axis"] or "z"}
 
 
 def _bytes(path: Path) -> int:

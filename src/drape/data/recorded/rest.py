@@ -14,7 +14,7 @@ from drape.errors import DrapeError
 from drape.reading.files import MESHES, read_file
 from drape.reading.triangles import made
 from drape.scene.mesh import ClothMesh
-from drape.scene.proportions import LARGEST, SMALLEST, size
+from drape.scene.proportions import check_cloth_size
 
 STRAINED = 0.2
 """Median strain of all edges in all frames from which on a rest shape is that of another cloth."""
@@ -30,7 +30,7 @@ class RestShapes:
     """
 
     def __init__(self, data: Mapping) -> None:
-        self.first = data["rest"] == FIRST
+        self.first, self.scaled = data["rest"] == FIRST, data["scale"] is not None
         self.meshes: list[tuple[Path, np.ndarray, np.ndarray]] = []
         if data["rest"] is None or self.first:
             return
@@ -41,7 +41,7 @@ class RestShapes:
             )
         files = sorted(file for file in place.iterdir() if file.suffix.lower() in MESHES) if place.is_dir() else [place]
         for file in files:
-            read = made(read_file(file), data["scale"], data["up_axis"])
+            read = made(read_file(file, wanted=data["rest_object"]), data["scale"], data["up_axis"])
             self.meshes.append((file, read.positions[0], read.faces))
 
     def mesh(self, recording: Recording) -> ClothMesh:
@@ -51,12 +51,7 @@ class RestShapes:
             DrapeError: none is known, or one of another mesh, of a size that cannot be metres, or strained everywhere.
         """
         rest, where = self._positions(recording)
-        found = size(rest)
-        if not SMALLEST <= found <= LARGEST:
-            raise DrapeError(
-                f"{where}: found a cloth of {found:.3g} m; expected {SMALLEST} to {LARGEST:.0f} m; the files seem to "
-                "have another unit: set data.scale (0.001 for millimetres, 0.01 for centimetres)"
-            )
+        check_cloth_size(rest, str(where), self.scaled, "data.scale")
         mesh = ClothMesh.from_faces(rest.astype(np.float32), recording.faces, name=str(where))
         strain = float(np.median(np.abs(edge_strain(recording.positions, mesh))))
         if strain > STRAINED:

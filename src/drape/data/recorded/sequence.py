@@ -63,17 +63,17 @@ def _has_meshes(folder: Path) -> bool:
 
 
 def read_recording(path: Path, data: Mapping) -> Recording:
-    """Read one sequence; ``data`` has ``fps`` (null where files say theirs), ``scale`` and ``up_axis``.
+    """Read one sequence; ``data`` has ``fps`` (null where files say theirs), ``scale``, ``up_axis`` and ``object``.
 
     Arrays in npz and HDF5 may be accompanied by ``rest_positions [vertices, 3]`` and ``mass [vertices]``, kg.
 
     Raises:
-        DrapeError: no rate or two, a topology that changes, NaN, or whatever its reader refuses.
+        DrapeError: no rate or two, no such object, a topology that changes, NaN, or whatever its reader refuses.
     """
     rate = data["fps"]
     if rate is not None and not isinstance(rate, int | float):
         raise DrapeError(f"data.fps: found {rate!r}; expected frames per second")
-    source = read_file(path, animated=True)
+    source = read_file(path, animated=True, wanted=data["object"])
     read = made(source, data["scale"], data["up_axis"])
     extras, count = _extras(path), source.positions.shape[1]
     for name, array in extras.items():

@@ -31,10 +31,13 @@ USUAL = (20.0, 60.0)
 
 def custom(
     mesh: str,
+    mesh_object: str | None,
     start: str | None,
+    start_object: str | None,
     scale: float | None,
     weld: float | None,
     body: str | None,
+    body_object: str | None,
     body_scale: float | None,
     body_fps: float | None,
     body_clip: str | None,
@@ -52,29 +55,30 @@ def custom(
 ) -> Scene:
     """A garment (rest shape ``mesh``, initial positions ``start`` or the rest shape) and perhaps a body.
 
-    A ``scale`` above 1 enlarges the scene, as files are in metres at most. Units, axes, seams and kinds of file: see
-    :func:`read_cloth` and :func:`read_body`. ``pins``: see :func:`pinned_vertices`, counted as in the file; they are
-    held where they start, or move with the body's surface. ``fps``: frames per second; None for those of the body, if
-    they are usual, else 30.
+    A ``scale`` above 1 enlarges the scene, as files are in metres at most. Units, axes, seams, objects and kinds of
+    file: see :func:`read_cloth` and :func:`read_body`. ``pins``: see :func:`pinned_vertices`, counted as in the file or
+    its object; they are held where they start, or move with the body's surface. ``fps``: frames per second; None for
+    those of the body, if they are usual, else 30.
 
     Raises:
         DrapeError: whatever is wrong with files, sizes, pins or masses, before anything is simulated.
     """
+    _check_apart((mesh, mesh_object), (body, body_object))
     where, gravity = Path(mesh), frozen_floats(gravity, (3,), "scene.gravity")
     dt = None if fps is None else frame_time(fps)
-    cloth, read = read_cloth(where, scale, up_axis, weld)
-    x = cloth.rest_positions if start is None else read_pose(start, read)
+    cloth, read = read_cloth(where, scale, up_axis, weld, mesh_object)
+    x = cloth.rest_positions if start is None else read_pose(start, read, start_object)
     said, worn, obstacle = [read.summary("garment")], None, None
     if body is not None:
-        worn = read_body(body, dt, frames, body_fps, body_scale, body_up_axis, body_clip, body_weld)
-        unsaid = [axis is None and each.source.up is None for axis, each in ((up_axis, read), (body_up_axis, worn))]
-        if unsaid[1]:
-            check_upright(worn.positions[0], body)
-        check_garment_and_body(x, worn.positions[0], str(start or mesh), body, (unsaid[0], unsaid[1]))
+        options = (body_fps, body_scale, body_up_axis, body_clip, body_weld, body_object)
+        worn = read_body(body, dt, frames, *options)
+        assumed = (_assumed(read, up_axis), _assumed(worn, body_up_axis))
+        check_upright(worn.positions[0], body, assumed[1])
+        check_garment_and_body(x, worn.positions[0], str(start or mesh), body, assumed)
         worn = looking_outwards(worn, x)
         said += [worn.summary("body"), *beside(x, worn.positions[0])]
-    elif up_axis is None and read.source.up is None:
-        said += perhaps_lying(x)
+    else:
+        said += perhaps_lying(x, _assumed(read, up_axis))
     dt = dt or frame_time(_rate(worn))
     obstacle = None if worn is None else obstacle_of(worn, dt, frames)
     vertices = pinned_vertices(pins, x, gravity, read.form.vertex)
@@ -94,6 +98,19 @@ def custom(
         said=tuple(said),
         forms=(read.form, None if worn is None else worn.form),
     )
+
+
+def _check_apart(cloth: tuple[str, str | None], body: tuple[str | None, str | None]) -> None:
+    if cloth == body:
+        raise DrapeError(
+            f"scene.mesh and scene.body: found {cloth[0]} for both; expected two meshes; name an object of the file "
+            "for each: scene.mesh_object and scene.body_object"
+        )
+
+
+def _assumed(read: ReadMesh, up_axis: str | None) -> str | None:
+    """What was taken to be up as neither the file nor anybody says it."""
+    return read.source.usual if up_axis is None and read.source.up is None else None
 
 
 def _rate(body: ReadMesh | None) -> float:
