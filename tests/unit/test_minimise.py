@@ -51,3 +51,6 @@ def test_directions_fulfil_the_secant_equation():
         pairs.append((change, turn, change @ turn))
     np.testing.assert_allclose(minimiser._direction(pairs[-1][1], pairs), -pairs[-1][0], atol=1e-12)
     np.testing.assert_allclose(minimiser._direction(np.ones(6), deque()), -0.3)
+    one, other = rng.normal(size=(2, 6))
+    symmetric = one @ minimiser._direction(other, deque(pairs)), other @ minimiser._direction(one, deque(pairs))
+    assert symmetric[0] == pytest.approx(symmetric[1])
