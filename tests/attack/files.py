@@ -316,10 +316,11 @@ def damaged_npz(source: Path, place: Path) -> Iterator[str]:
     if signed:
         _write_npz(place, arrays | {"table": 1.01 * arrays["table"]}, signed)
         yield "table 1 % stiffer"
-        bumped = arrays["table"].copy()
-        bumped[0, 3, 3] *= 5.0
-        _write_npz(place, arrays | {"table": bumped}, signed)
-        yield "table with a bump"
+        for node in ((0, 3, 3), (0, 60, 30), (1, 30, 40), (1, 45, 12)):
+            bumped = arrays["table"].copy()
+            bumped[node] *= 1.01
+            _write_npz(place, arrays | {"table": bumped}, signed)
+            yield f"table with a bump at {node}"
 
 
 def _with(array: np.ndarray, value: float) -> np.ndarray:

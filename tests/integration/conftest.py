@@ -71,13 +71,7 @@ def program(name: str, *overrides: str, **environment: str) -> subprocess.Comple
     """``python src/<name>.py overrides`` in a process of its own."""
     env = os.environ | {"PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT}", "OMP_NUM_THREADS": "1"} | environment
     command = [sys.executable, str(ROOT / "src" / f"{name}.py"), *overrides]
-    return subprocess.run(command, capture_output=True, text=True, timeout=240, env=env, cwd=ROOT, check=False)
-
-
-def trained(data: Path, folder: Path, *overrides: str, **environment: str) -> subprocess.CompletedProcess:
-    """A small training in ``folder``."""
-    common = [f"data.path={data}", f"hydra.run.dir={folder}", "scale=smoke", "logger=csv"]
-    return program("train", *common, *overrides, **environment)
+    return subprocess.run(command, capture_output=True, text=True, timeout=800, env=env, cwd=ROOT, check=False)
 
 
 class Run(NamedTuple):
@@ -89,6 +83,7 @@ class Run(NamedTuple):
 def in_process(name: str, *overrides: str) -> Run:
     """``python src/<name>.py overrides`` in this process: the same main, without its start of some seconds."""
     argv, out, err, code = sys.argv, io.StringIO(), io.StringIO(), 0
+    before = GlobalHydra.instance().hydra, HydraConfig.instance().cfg  # of a program that runs this one, as learn does
     GlobalHydra.instance().clear()
     sys.argv = [f"src/{name}.py", *overrides]
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -98,10 +93,19 @@ def in_process(name: str, *overrides: str) -> Run:
             code = stop.code or 0
         finally:
             sys.argv = argv
-            GlobalHydra.instance().clear()
-            HydraConfig.instance().cfg = None
+            GlobalHydra.instance().hydra, HydraConfig.instance().cfg = before
             set_statistics(None)
     return Run(code, out.getvalue(), err.getvalue())
+
+
+def small(data: Path, folder: Path, *overrides: str) -> list[str]:
+    """What is typed after ``train`` for a small training in ``folder``."""
+    return [f"data.path={data}", f"hydra.run.dir={folder}", "scale=smoke", "logger=csv", *overrides]
+
+
+def trained(data: Path, folder: Path, *overrides: str) -> Run:
+    """A small training in ``folder``, in this process."""
+    return in_process("train", *small(data, folder, *overrides))
 
 
 @pytest.fixture

@@ -176,13 +176,13 @@ def stopped(folder: Path, how: signal.Signals, *overrides: str) -> tuple[int, st
     process = subprocess.Popen(
         command, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts, env=env, cwd=ROOT
     )
-    fourth, deadline = folder / "animation.h5.parts" / "000004.npz", time.monotonic() + 200
+    fourth, deadline = folder / "animation.h5.parts" / "000004.npz", time.monotonic() + 800
     while not fourth.exists():
         assert process.poll() is None, process.stderr.read()
         assert time.monotonic() < deadline
         time.sleep(0.001)
     process.send_signal(how)
-    said = process.communicate(timeout=120)[1]
+    said = process.communicate(timeout=800)[1]
     return process.returncode, said
 
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.attack import files
+from tests.attack import files, paths
 from tests.attack.overrides import RIGHT, attack, overrides
 
 
 def test_wrong_values_of_a_command_are_sentences():
     wrong = list(overrides())
     score = attack(wrong[::61])
-    assert len(wrong) > 900
+    assert len(wrong) > 1700
     assert score.tracebacks == []
     assert score.accepted == []
 
@@ -24,8 +24,12 @@ def test_right_values_of_a_command_are_accepted():
     assert score.tracebacks == []
 
 
-FORGED = "table.npz: table with a bump"
-"""With the digest recomputed, and away from the stored samples of the network."""
+def test_paths_that_are_none_are_sentences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    score = paths.attack(tmp_path, list(paths.lines())[::9])
+    assert len(score.sentences) > 10
+    assert score.tracebacks == []
+    assert score.accepted == []
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -33,4 +37,4 @@ def test_damaged_files_are_sentences(tmp_path: Path):
     score = files.attack(tmp_path, every=13)
     assert len(score.sentences) > 100
     assert score.tracebacks == []
-    assert [name for name in score.accepted if name != FORGED] == []
+    assert score.accepted == []

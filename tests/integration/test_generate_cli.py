@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from drape.data.hdf5 import TrajectoryFile
+from tests.integration.conftest import ROOT, Run, in_process
 
-ROOT = Path(__file__).parents[2]
 SEQUENCES = 32
 pytestmark = [
     pytest.mark.blender,
@@ -24,14 +24,18 @@ pytestmark = [
 ]
 
 
-def command(path: Path, *overrides: str) -> list[str]:
+def typed(path: Path, *overrides: str) -> list[str]:
     counts = [f"data.counts.train={SEQUENCES - 8}", "data.counts.test=8"]
-    paths = [f"data.path={path}", f"hydra.run.dir={path.parent}/run"]
-    return [sys.executable, str(ROOT / "src/generate.py"), "data=tiny", *counts, *paths, *overrides]
+    return ["data=tiny", *counts, f"data.path={path}", f"hydra.run.dir={path.parent}/run", *overrides]
 
 
-def generate(path: Path, *overrides: str) -> subprocess.CompletedProcess:
-    return subprocess.run(command(path, *overrides), capture_output=True, text=True, timeout=240)
+def generate(path: Path, *overrides: str) -> Run:
+    return in_process("generate", *typed(path, *overrides))
+
+
+def command(path: Path, *overrides: str) -> list[str]:
+    """The same, for a process that is to be killed or hindered."""
+    return [sys.executable, str(ROOT / "src/generate.py"), *typed(path, *overrides)]
 
 
 def parts_of(path: Path) -> list[Path]:
@@ -41,7 +45,7 @@ def parts_of(path: Path) -> list[Path]:
 def started(path: Path, finished: int, *overrides: str) -> subprocess.Popen:
     """A generator in the middle of its work: ``finished`` sequences are stored."""
     process = subprocess.Popen(command(path, *overrides), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 200
+    deadline = time.monotonic() + 800
     while len(parts_of(path)) < finished:
         assert process.poll() is None, process.stderr.read()
         assert time.monotonic() < deadline
@@ -64,8 +68,8 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> tuple[TrajectoryFile, 
     """A data set made by two workers in one go, and what was printed."""
     path = tmp_path_factory.mktemp("straight") / "cloth.h5"
     run = generate(path, "workers=2")
-    assert run.returncode == 0, run.stderr
-    return TrajectoryFile(path), run.stdout
+    assert run.code == 0, run.err
+    return TrajectoryFile(path), run.out
 
 
 def test_the_data_set_is_complete_and_described(straight: tuple[TrajectoryFile, str]) -> None:
@@ -88,12 +92,12 @@ def test_the_same_command_again_simulates_nothing(straight: tuple[TrajectoryFile
     path = straight[0].path
     before = path.stat().st_mtime_ns
     run = generate(path, "workers=1")
-    assert run.returncode == 0
-    assert "already there with this configuration" in run.stdout
+    assert run.code == 0
+    assert "already there with this configuration" in run.out
     assert path.stat().st_mtime_ns == before
     run = generate(path, "data.start.push=1.0")
-    assert run.returncode != 0
-    assert "data.start.push: 3.0 there, 1.0 asked for" in run.stderr
+    assert run.code != 0
+    assert "data.start.push: 3.0 there, 1.0 asked for" in run.err
     assert path.stat().st_mtime_ns == before
 
 
@@ -110,12 +114,12 @@ def test_killed_and_resumed_with_another_number_of_workers_is_the_same(
     times = {part: part.stat().st_mtime_ns for part in kept[:3]}
 
     refused = generate(path, "data.seed=1")
-    assert refused.returncode != 0
-    assert "data.seed: 0 there, 1 asked for" in refused.stderr
+    assert refused.code != 0
+    assert "data.seed: 0 there, 1 asked for" in refused.err
     assert {part: part.stat().st_mtime_ns for part in kept[:3]} == times
 
     resumed = generate(path, "workers=1")
-    assert resumed.returncode == 0, resumed.stderr
+    assert resumed.code == 0, resumed.err
     same(TrajectoryFile(path), straight[0])
     assert not Path(f"{path}.parts").exists()
 
@@ -124,12 +128,12 @@ def test_a_dead_worker_is_reported_and_nothing_hangs(straight: tuple[TrajectoryF
     path = tmp_path / "cloth.h5"
     process = started(path, 3, "workers=2")
     os.kill(children(process.pid)[0], signal.SIGKILL)
-    _, errors = process.communicate(timeout=240)
+    _, errors = process.communicate(timeout=800)
     assert process.returncode not in (0, None)
     assert "its Blender process died (exit status -9)" in errors
     assert "error: sequence " in errors
     assert "Traceback" not in errors
-    assert generate(path).returncode == 0
+    assert generate(path).code == 0
     same(TrajectoryFile(path), straight[0])
 
 
@@ -141,7 +145,7 @@ def test_a_full_disk_is_a_sentence_and_finished_sequences_are_kept(
     path = tmp_path / "cloth.h5"
     limit = ["bash", "-c", f'ulimit -f {blocks}; exec "$@"', "bash"]
     whole = [*limit, *command(path, "workers=2", "hydra.output_subdir=null")]
-    run = subprocess.run(whole, capture_output=True, text=True, timeout=240)
+    run = subprocess.run(whole, capture_output=True, text=True, timeout=800)
     assert run.returncode not in (0, None)
     assert re.search(r"error: .*cloth.h5: .*File too large; finished .* are kept in .*cloth.h5.parts", run.stderr)
     assert "Traceback" not in run.stderr
@@ -149,7 +153,7 @@ def test_a_full_disk_is_a_sentence_and_finished_sequences_are_kept(
     assert len(parts_of(path)) == (SEQUENCES if blocks == 60 else 0)
     assert not list(tmp_path.glob("*.tmp*"))
     if blocks == 60:
-        assert generate(path).returncode == 0
+        assert generate(path).code == 0
         same(TrajectoryFile(path), straight[0])
 
 
@@ -157,13 +161,13 @@ def test_a_foreign_file_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "cloth.h5"
     path.write_text("my thesis")
     run = generate(path)
-    assert run.returncode != 0
-    assert "no whole HDF5 file" in run.stderr
+    assert run.code != 0
+    assert "no whole HDF5 file" in run.err
     assert path.read_text() == "my thesis"
 
 
 def test_help_explains_without_running() -> None:
-    run = subprocess.run([sys.executable, str(ROOT / "src/generate.py"), "--help"], capture_output=True, text=True)
-    assert run.returncode == 0
+    run = in_process("generate", "--help")
+    assert run.code == 0
     for text in ("python src/generate.py data=cloth_1m", "resolution: 22", "workers: auto"):
-        assert text in run.stdout
+        assert text in run.out

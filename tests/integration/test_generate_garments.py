@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from drape.data.garment_hdf5 import GarmentFile
+from tests.integration.conftest import ROOT, Run, in_process
 from tests.people import needs_anny
 
-ROOT = Path(__file__).parents[2]
 SMALLEST = [
     "data.counts={train:2,test:1}",
     "data.bodies={train:1,test:1}",
@@ -31,13 +31,13 @@ pytestmark = [
 ]
 
 
-def command(path: Path, *overrides: str) -> list[str]:
+def typed(path: Path, *overrides: str) -> list[str]:
     paths = [f"data.path={path}", f"hydra.run.dir={path.parent}/run"]
-    return [sys.executable, str(ROOT / "src/generate.py"), "data=garments", "size=tiny", *SMALLEST, *paths, *overrides]
+    return ["data=garments", "size=tiny", *SMALLEST, *paths, *overrides]
 
 
-def generate(path: Path, *overrides: str) -> subprocess.CompletedProcess:
-    return subprocess.run(command(path, *overrides), capture_output=True, text=True, timeout=240)
+def generate(path: Path, *overrides: str) -> Run:
+    return in_process("generate", *typed(path, *overrides))
 
 
 def parts_of(path: Path) -> list[Path]:
@@ -49,8 +49,8 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> tuple[GarmentFile, str
     """A data set made by two workers in one go, and what was printed."""
     path = tmp_path_factory.mktemp("straight") / "garments.h5"
     run = generate(path, "workers=2")
-    assert run.returncode == 0, run.stderr
-    return GarmentFile(path), run.stdout
+    assert run.code == 0, run.err
+    return GarmentFile(path), run.out
 
 
 def test_the_data_set_is_complete_and_described(straight: tuple[GarmentFile, str]) -> None:
@@ -83,8 +83,9 @@ def test_killed_and_resumed_with_another_number_of_workers_is_the_same(
     straight: tuple[GarmentFile, str], tmp_path: Path
 ) -> None:
     path = tmp_path / "garments.h5"
-    process = subprocess.Popen(command(path, "workers=1"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 200
+    command = [sys.executable, str(ROOT / "src/generate.py"), *typed(path, "workers=1")]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 800
     while not parts_of(path):
         assert process.poll() is None
         assert time.monotonic() < deadline
@@ -96,11 +97,11 @@ def test_killed_and_resumed_with_another_number_of_workers_is_the_same(
     stamp = first.stat().st_mtime_ns
 
     refused = generate(path, "data.seed=1")
-    assert refused.returncode != 0
-    assert "data.seed: 0 there, 1 asked for" in refused.stderr
+    assert refused.code != 0
+    assert "data.seed: 0 there, 1 asked for" in refused.err
     assert first.stat().st_mtime_ns == stamp
 
-    assert generate(path, "workers=2").returncode == 0
+    assert generate(path, "workers=2").code == 0
     assert not Path(f"{path}.parts").exists()
     assert path.read_bytes() == straight[0].path.read_bytes()
 
@@ -109,25 +110,25 @@ def test_the_same_command_again_simulates_nothing(straight: tuple[GarmentFile, s
     path = straight[0].path
     before = path.stat().st_mtime_ns
     run = generate(path, "workers=1")
-    assert run.returncode == 0
-    assert "already there with this configuration" in run.stdout
+    assert run.code == 0
+    assert "already there with this configuration" in run.out
     refused = generate(path, "data.contact.friction=0.5")
-    assert refused.returncode != 0
-    assert "data.contact.friction: 0.02 there, 0.5 asked for" in refused.stderr
+    assert refused.code != 0
+    assert "data.contact.friction: 0.02 there, 0.5 asked for" in refused.err
     assert path.stat().st_mtime_ns == before
 
 
 def test_an_unknown_source_is_a_sentence(tmp_path: Path) -> None:
     run = generate(tmp_path / "garments.h5", "data.source=smpl")
-    assert run.returncode != 0
-    assert "data.source: found 'smpl'; expected garments, recorded, cloth3d, vto" in run.stderr
+    assert run.code != 0
+    assert "data.source: found 'smpl'; expected garments, recorded, cloth3d, vto" in run.err
 
 
 @needs_anny
 def test_people_of_anny_are_dressed_and_stored(tmp_path: Path) -> None:
     path = tmp_path / "garments.h5"
     run = generate(path, "workers=1", "data/shape=anny", "data.counts={train:1,test:0}", "data.kinds=[tshirt]")
-    assert run.returncode == 0, run.stderr
+    assert run.code == 0, run.err
     file = GarmentFile(path)
     sequence = file.sequence("00000")
     assert np.linalg.norm(np.diff(sequence.positions, axis=0), axis=-1).max() > 1e-4

@@ -11,7 +11,7 @@ import yaml
 
 from drape.energy.checkpoint import load_energy
 from drape.errors import DrapeError
-from tests.integration.conftest import program, trained
+from tests.integration.conftest import in_process, program, small, trained
 
 KILL = "+callbacks.kill={_target_: tests.integration.kill.KillAt, step: 7}"
 
@@ -29,7 +29,7 @@ def run(request, data, tmp_path_factory) -> tuple[str, Path]:
     """A finished training of each model."""
     folder = tmp_path_factory.mktemp(request.param)
     done = trained(data, folder, f"model={request.param}", KILL)
-    assert done.returncode == 0, done.stderr
+    assert done.code == 0, done.err
     return request.param, folder
 
 
@@ -54,21 +54,21 @@ def test_the_same_command_again_returns_the_same_result(run, data):
     model, folder = run
     before = (folder / "metrics.json").stat().st_mtime_ns
     again = trained(data, folder, f"model={model}", KILL)
-    assert again.returncode == 0, again.stderr
-    assert "finished before" in again.stderr
+    assert again.code == 0, again.err
+    assert "finished before" in again.err
     assert (folder / "metrics.json").stat().st_mtime_ns == before
 
 
 def test_killed_and_continued_is_as_never_killed(run, data, tmp_path):
     """Killed at step 7, continued from the checkpoint of step 5: the metrics of the uninterrupted run, bit for bit."""
     model, folder = run
-    killed = trained(data, tmp_path, f"model={model}", KILL, KILL="1")
+    killed = program("train", *small(data, tmp_path, f"model={model}", KILL), KILL="1")
     assert killed.returncode == 9
     assert not (tmp_path / "metrics.json").exists()
     state = torch.load(tmp_path / "checkpoints" / "last.ckpt", weights_only=True)
     assert state["global_step"] == 5
     continued = trained(data, tmp_path, f"model={model}", KILL)
-    assert continued.returncode == 0, continued.stderr
+    assert continued.code == 0, continued.err
     assert same(metrics(folder), metrics(tmp_path))
 
 
@@ -76,7 +76,7 @@ def test_another_seed_is_another_result(run, data, tmp_path):
     """The seed reaches the parameters."""
     model, folder = run
     other = trained(data, tmp_path, f"model={model}", KILL, "seed=1")
-    assert other.returncode == 0, other.stderr
+    assert other.code == 0, other.err
     assert not same(metrics(folder), metrics(tmp_path))
 
 
@@ -84,9 +84,9 @@ def test_a_folder_keeps_one_config(run, data):
     """Other values in the folder of a run are refused, naming them."""
     model, folder = run
     other = trained(data, folder, f"model={model}", KILL, "scale.max_steps=30")
-    assert other.returncode == 2
-    assert "scale.max_steps" in other.stderr
-    assert "Traceback" not in other.stderr
+    assert other.code == 2
+    assert "scale.max_steps" in other.err
+    assert "Traceback" not in other.err
 
 
 def test_a_checkpoint_reproduces_its_example_and_notices_changes(run, tmp_path):
@@ -126,7 +126,7 @@ def test_batch_size_of_the_test_does_not_change_the_metrics(run, data, tmp_path)
     """Energy error and force residual are those of windows, not of batches."""
     model, folder = run
     other = trained(data, tmp_path, f"model={model}", KILL, "scale.eval_batch_size=7")
-    assert other.returncode == 0, other.stderr
+    assert other.code == 0, other.err
     for name, value in metrics(folder).items():
         if name.startswith(("energy_error", "force_residual", "spring_hinge")):
             assert metrics(tmp_path)[name] == pytest.approx(value, rel=1e-5)
@@ -134,14 +134,14 @@ def test_batch_size_of_the_test_does_not_change_the_metrics(run, data, tmp_path)
 
 def test_every_ablation_runs_and_reports(data, tmp_path):
     """All ablations of the paper's model in one multirun, then the table over them."""
-    sweep = program(
+    sweep = in_process(
         "train", "-m", f"data.path={data}", "scale=smoke", "scale.max_steps=4", "scale.validation_steps=4",
         "logger=csv", f"hydra.sweep.dir={tmp_path}", "ablation=none,no_dissipation,no_contrastive,no_bending",
     )  # fmt: skip
-    assert sweep.returncode == 0, sweep.stderr
+    assert sweep.code == 0, sweep.err
     assert len(list(tmp_path.rglob("metrics.json"))) == 4
-    report = program("report", f"runs={tmp_path}")
-    assert report.returncode == 0, report.stderr
+    report = in_process("report", f"runs={tmp_path}")
+    assert report.code == 0, report.err
     table = (tmp_path / "report" / "tables.md").read_text()
     assert "85.74" in table
     assert (tmp_path / "report" / "energy_map.png").stat().st_size > 10_000
@@ -150,7 +150,7 @@ def test_every_ablation_runs_and_reports(data, tmp_path):
 @pytest.mark.slow
 def test_two_processes_train(data, tmp_path):
     """``trainer=ddp`` on two CPU processes finishes, writes one record and speaks with one voice."""
-    done = trained(data, tmp_path, "trainer=ddp", "scale.max_steps=4", "scale.validation_steps=2")
+    done = program("train", *small(data, tmp_path, "trainer=ddp", "scale.max_steps=4", "scale.validation_steps=2"))
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("run directory:") == 1
     assert "trial run" not in done.stdout
@@ -172,6 +172,6 @@ def test_two_processes_train(data, tmp_path):
 def test_mistakes_get_a_sentence(data, tmp_path, overrides, sentence):
     """Exit status 2 and one sentence that names the mistake, no traceback."""
     done = trained(data, tmp_path, *overrides)
-    assert done.returncode == 2, done.stderr
-    assert sentence in done.stderr
-    assert "Traceback" not in done.stderr
+    assert done.code == 2, done.err
+    assert sentence in done.err
+    assert "Traceback" not in done.err

@@ -19,7 +19,7 @@ def runs(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
     for noise in ("0.0", "1e-3"):
         done = trained(data, folder / noise, "model=eunet_hinge", f"observation.noise={noise}", "scale.max_steps=2")
-        assert done.returncode == 0, done.stderr
+        assert done.code == 0, done.err
     return folder
 
 

@@ -33,7 +33,7 @@ def drape(installed: Path, folder: Path, *arguments: str) -> subprocess.Complete
     """``drape arguments`` in a folder."""
     env = os.environ | {"PYTHONPATH": str(installed), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "drape.command_line", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=240, env=env, cwd=folder, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=800, env=env, cwd=folder, check=False)
 
 
 def test_animates_from_an_empty_folder(installed, tmp_path):

@@ -154,6 +154,33 @@ def test_a_law_that_is_not_its_networks_is_noticed(law, tmp_path, change):
         read_baked(path)
 
 
+def bumped(law, node: tuple[int, int, int], factor: float) -> None:
+    values = law.plane.values.copy()
+    values[node] *= factor
+    replaced_plane(law, values)
+
+
+@pytest.mark.parametrize("share", [(0.05, 0.3), (0.3, 0.5), (0.62, 0.3), (0.7, 0.8), (0.95, 0.9)])
+@pytest.mark.parametrize("spline", [0, 1])
+def test_a_single_node_that_was_changed_is_noticed(law, tmp_path, spline, share):
+    """Wherever it is, also where no sample of the network is near, and beyond the range that is sampled."""
+    path, other = tmp_path / "law.npz", copy.deepcopy(law)
+    bumped(other, (spline, *(int(part * nodes) for part, nodes in zip(share, law.plane.nodes, strict=True))), 2.0)
+    save_baked(other, path)
+    with pytest.raises(DrapeError, match="energy: found a difference of .* from its network; .*most .*: damaged"):
+        read_baked(path)
+
+
+def test_unevenness_is_that_of_a_polynomial_of_the_fourth_degree(law):
+    """K = 1 + a i⁴ has fourth differences 24 a; without hinges its share of φp is 24 a / K."""
+    other, (rows, columns) = copy.deepcopy(law), law.plane.nodes
+    stiffness = 1.0 + 1e-6 * np.arange(rows)[:, None] ** 4.0 + np.zeros((1, columns))
+    replaced_plane(other, np.stack([stiffness, np.zeros_like(stiffness)]))
+    counted = np.maximum(stiffness, 0.1 * stiffness.mean())[2:-2]
+    away = np.abs(law.plane.first[0] + np.arange(rows))[2:-2] > 0  # at rest nothing is stored
+    assert other.unevenness() == pytest.approx((24e-6 / counted[away]).max(), rel=1e-6)
+
+
 @pytest.mark.parametrize("name", SHAPES)
 def test_what_no_law_can_have_is_refused(law, tmp_path, name):
     """Not finite, negative, of another shape, not a number: a sentence with its name, whatever the digest says."""

@@ -57,7 +57,7 @@ json.dump({"free": found, "held": float(np.abs(held[:, [0, 3]] - held[0, [0, 3]]
 
 def python(code: str) -> str:
     run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env={"PYTHONPATH": str(SOURCE)}, timeout=240
+        [sys.executable, "-c", code], capture_output=True, text=True, env={"PYTHONPATH": str(SOURCE)}, timeout=800
     )
     assert run.returncode == 0, run.stderr
     return run.stdout.strip().splitlines()[-1]

@@ -266,6 +266,8 @@ def test_friction_is_the_coefficient_times_the_normal_force():
     assert gradient[:upper, 0].sum() == pytest.approx(0.4 * normal, rel=0.02)
     assert energy == pytest.approx(0.4 * normal * 1e-4, rel=0.05)
     assert abs(friction.energy_and_gradient(x, None, x + 0.1, None)[1]).max() < 1e-9 * normal
+    still = [friction.energy_and_gradient(each, None, each, None)[0] for each in (x, slid)]
+    assert still[1] == pytest.approx(still[0], rel=1e-9)  # of the way, not of the place
 
 
 @pytest.mark.parametrize("slip", [2e-6, 1e-4])

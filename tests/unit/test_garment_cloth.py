@@ -78,7 +78,7 @@ json.dump({"fall": fall,
 def tubes() -> dict:
     """A tube of cloth around a ball, in several experiments."""
     run = subprocess.run(
-        [sys.executable, "-c", TUBES], capture_output=True, text=True, env={"PYTHONPATH": str(SOURCE)}, timeout=240
+        [sys.executable, "-c", TUBES], capture_output=True, text=True, env={"PYTHONPATH": str(SOURCE)}, timeout=800
     )
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout.strip().splitlines()[-1])

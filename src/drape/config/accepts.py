@@ -7,7 +7,7 @@ import inspect
 import os
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Literal, Union
 
 UNKNOWN = object()
@@ -42,6 +42,8 @@ def accepts(annotation: Any, value: object, locate: Callable[[str], object]) -> 
         return _list(kind, arguments, value, locate)
     if type(value) in SCALARS and kind in (*SCALARS, complex, os.PathLike):
         return kind in FITS[type(value)]
+    if isinstance(value, str) and _true_in_doubt(lambda: issubclass(kind, Iterable)):
+        return False  # a word is a sequence to Python, never to a user
     return _true_in_doubt(lambda: isinstance(value, kind) or (isinstance(value, str) and issubclass(kind, os.PathLike)))
 
 

@@ -7,12 +7,12 @@ import typing
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-import yaml
 from omegaconf import Container, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from drape.config.accepts import UNKNOWN, Borrowed, accepts
 from drape.config.kinds import of_another_kind
+from drape.config.pages import GLOBAL, page
 from drape.config.ranges import out_of_range
 from drape.config.resolvers import CONF, StatisticsUnknown
 from drape.config.sentences import causes, did_you_mean
@@ -33,7 +33,8 @@ def check_config(
     Found are: top-level nodes that ``conf/<contents>.yaml`` does not have; values that no option of their group has;
     values that are not set (``???``); interpolations without a value; a ``_target_`` that cannot be imported;
     arguments that it does not have, lacks, or whose values are not of the annotated type; values of another kind than
-    all options give them; numbers out of their range; members of a family (losses, callbacks) without a ``_target_``.
+    all options give them; numbers out of their range, empty texts; members of a family (losses, callbacks) without a
+    ``_target_``.
     ``supplied`` names the arguments that the program adds itself, by the dotted path of the object.
 
     Raises:
@@ -46,6 +47,21 @@ def check_config(
     if problems:
         told = _first_of_each(problems)
         raise DrapeError("\n".join(f"conf: {problem}{_origin(config, problem)}" for problem in told))
+
+
+def check_command(config: DictConfig, contents: str) -> None:
+    """:func:`check_config` of what a command has composed, after its groups: ``scene=[]`` leaves one without an option.
+
+    Raises:
+        DrapeError: there is at least one mistake.
+    """
+    for entry in page(CONF / f"{contents}.yaml").tree.get("defaults", []):
+        group = next(iter(entry)) if isinstance(entry, dict) else "hydra"
+        options = [page(file) for file in (CONF / group).glob("*.yaml")]
+        nodes = [group in each.tree if each.at_top else bool(each.tree) for each in options]
+        if group not in ("hydra", *config) and nodes and all(nodes):
+            raise DrapeError(f"conf: {group}: found no option; expected one, {group}=...; --help lists them")
+    check_config(config, contents=contents)
 
 
 def _first_of_each(problems: list[str]) -> list[str]:
@@ -74,17 +90,16 @@ def contents_nodes(contents: str) -> set[str]:
 
     Options that stand at the top themselves (``@package _global_``) may add theirs.
     """
-    text = (CONF / f"{contents}.yaml").read_text(encoding="utf-8")
-    page = yaml.safe_load(text) or {}
-    nodes = set(page) - {"defaults"}
-    for entry in page.get("defaults", []):
+    tree = page(CONF / f"{contents}.yaml").tree
+    nodes = set(tree) - {"defaults"}
+    for entry in tree.get("defaults", []):
         if isinstance(entry, str):
             nodes |= set() if entry == "_self_" else contents_nodes(entry.strip("/"))
             continue
         group, _, package = next(iter(entry)).split()[-1].strip("/").partition("@")
         nodes.add((package or group).split("/")[0].split(".")[0])
         for option in sorted((CONF / group).glob("*.yaml")) if not package else ():
-            if option.read_text(encoding="utf-8").startswith("# @package _global_"):
+            if page(option).at_top:
                 nodes |= contents_nodes(f"{group}/{option.stem}")
     return nodes
 
@@ -201,7 +216,7 @@ def _shown(value: object) -> str:
     if isinstance(value, dict) and (built := _built(value)):
         return ", ".join(f"{key} ({target.rpartition('.')[2]})" for key, target in built.items())
     if value == {}:
-        return "{} (an option that leaves its node out starts with the line '# @package _global_')"
+        return "{} (an option that leaves its node out starts with the line '" + GLOBAL + "')"
     return f"{value!r} ({type(value).__name__})"
 
 
@@ -218,7 +233,7 @@ def _foreign_values(config: DictConfig) -> Iterator[str]:
         files = sorted((CONF / str(group)).glob("*.yaml"))
         if not isinstance(node, DictConfig) or "_target_" in node or not files:
             continue
-        options = [yaml.safe_load(file.read_text(encoding="utf-8")) or {} for file in files]
+        options = [page(file).tree for file in files]
         options += [tree[group] for tree in elsewhere if isinstance(tree.get(group), dict)]
         known = {str(key) for option in options for key in option} - {"defaults"}
         for key in node:
@@ -229,7 +244,5 @@ def _foreign_values(config: DictConfig) -> Iterator[str]:
 def _options_at_the_top() -> Iterator[Mapping[str, Any]]:
     """What options that stand at the top themselves (``# @package _global_``) say, of any group."""
     for file in sorted(CONF.glob("*/*.yaml")):
-        text = file.read_text(encoding="utf-8")
-        tree = yaml.safe_load(text) if text.startswith("# @package _global_") else None
-        if isinstance(tree, dict):
-            yield tree
+        if page(file).at_top:
+            yield page(file).tree

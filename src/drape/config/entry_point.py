@@ -20,7 +20,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from drape.config.check import check_config
+from drape.config.check import check_command
 from drape.config.resolvers import CONF, show_statistics
 from drape.config.sentences import causes, did_you_mean
 from drape.errors import DrapeError
@@ -70,7 +70,7 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
         @functools.wraps(function)
         def task(config: DictConfig) -> Any:
             try:
-                check_config(config, contents=config_name)
+                check_command(config, config_name)
                 return function(config)
             except Exception as error:
                 if _interrupted(error):

@@ -8,12 +8,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from drape.config.accepts import UNKNOWN, Borrowed
+from drape.config.pages import page
+from drape.config.ranges import declared
 
-GLOBAL = "# @package _global_"
-"""First line of an option that stands at the top itself."""
 KINDS = {bool: "true or false", int: "a number", float: "a number", list: "a list"}
 TEXT, NODE = "a text", "a group of values"
 TEXTS = ("${shipped:", "${joined:")
@@ -28,12 +26,14 @@ def of_another_kind(tree: Mapping[str, Any], folder: Path, contents: str) -> Ite
     """Values of another kind than all options in ``folder`` give them: a word for a number, a number for a list.
 
     Arguments of objects (``_target_``) are left out: their constructors say what they take. A value that some options
-    write as a number and some as a text may be either, and null where one is.
+    write as a number and some as a text may be either, and null where one is; one that all leave null is a number where
+    a range of numbers is declared for it.
     """
     told = _told(folder, contents)
     for path, value in _leaves(tree):
         values = told.get(path, ())
         kinds = {_kind(each) for each in values}
+        kinds |= {KINDS[float]} if kinds == {None} and declared(path) else set()
         if value is UNKNOWN or not kinds - {None} or _kind(value) in kinds or path in FREE:
             continue
         yield f"{path}: found {value!r} ({type(value).__name__}); expected {' or '.join(sorted(kinds - {None}))}"
@@ -74,10 +74,9 @@ def _told(folder: Path, contents: str) -> dict[str, list[Any]]:
     """By dotted path, what the contents page and all options say; interpolations say nothing."""
     told = defaultdict(list)
     for file in (folder / f"{contents}.yaml", *sorted(folder.glob("*/*.yaml"))):
-        text = file.read_text(encoding="utf-8")
-        tree, at_top = yaml.safe_load(text) or {}, file.parent == folder or text.startswith(GLOBAL)
+        tree, at_top = page(file).tree, file.parent == folder or page(file).at_top
         for path, value in _leaves(tree if at_top else {file.parent.name: tree}):
-            unknown = isinstance(value, str) and (value.startswith("${") or value == "???")
+            unknown = isinstance(value, str) and (value == "???" or (value.startswith("${") and value.endswith("}")))
             if not unknown or value.startswith(TEXTS):
                 told[path].append(value)
     return told

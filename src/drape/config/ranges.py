@@ -67,9 +67,16 @@ and not negative."""
 RANGES = {name: found for found, names in NAMES.items() for name in names.split()}
 FOLDERS = ("name", "data.name", "fabric.name", "scale.name")
 """Texts that become a part of a path."""
+EMPTY = ("logger",)
+"""Where an empty text means something: no folder of their own."""
 
 
 def range_of(path: str) -> Range:
+    """The range of a path, declared or not."""
+    return declared(path) or FROM_ZERO
+
+
+def declared(path: str) -> Range | None:
     """The range that is declared for a path, by its longest end that has one."""
     parts = path.split(".")
     named = [part for part in parts if not part.isdigit()]
@@ -77,11 +84,11 @@ def range_of(path: str) -> Range:
         for begin in range(len(each)):
             if (found := RANGES.get(".".join(each[begin:]))) is not None:
                 return found
-    return FROM_ZERO
+    return None
 
 
 def out_of_range(tree: Any, path: str = "") -> Iterator[str]:
-    """Numbers that no run can use, and names that leave their folder."""
+    """Numbers that no run can use, empty texts, and names that leave their folder."""
     if isinstance(tree, Borrowed):
         return
     if isinstance(tree, Mapping):
@@ -94,9 +101,11 @@ def out_of_range(tree: Any, path: str = "") -> Iterator[str]:
         wanted = range_of(path)
         if not wanted.holds(tree):
             yield f"{path}: found {tree!r}; expected {wanted.text()}"
+    elif isinstance(tree, str) and not tree.strip() and path.split(".")[0] not in EMPTY:
+        yield f"{path}: found {tree!r}; expected a text that is not empty"
     elif isinstance(tree, str) and path in FOLDERS and _leaves_its_folder(tree):
         yield f"{path}: found {tree!r}; expected a name without slashes that does not begin with a dot"
 
 
 def _leaves_its_folder(name: str) -> bool:
-    return not name.strip() or name.startswith(".") or "/" in name or "\\" in name
+    return name.startswith(".") or "/" in name or "\\" in name

@@ -59,7 +59,8 @@ def read_baked(path: str | Path) -> BakedHinges:
     """The law of a table, after its numbers and its certificate were checked.
 
     Every number is as it was written (a digest of all), is one that a law can have, and at stored samples the table
-    differs from the network that it was made from by no more than its certificate says.
+    differs from the network that it was made from by no more than its certificate says; between them its nodes are as
+    even as a table that exact has to be.
 
     Raises:
         DrapeError: no such file, not a table of this program, another version of it, or a damaged or edited one.
@@ -76,7 +77,7 @@ def read_baked(path: str | Path) -> BakedHinges:
             raise
         raise DrapeError(f"{path}: damaged: {type(error).__name__} {error}; bake it again") from error
     _check_content(path, law)
-    for name, share in law.samples.differences(law).items():
+    for name, share in law.differences(law.samples).items():
         promised = getattr(law.certificate, name)
         if not share <= promised * (1.0 + ROUNDING) + ROUNDING < np.inf:
             raise DrapeError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -16,6 +17,9 @@ from drape.scene.material import Material
 
 SOFTEST = 0.1
 """Share of what the mean stiffness of a table would store, below which differences do not count as relative ones."""
+UNEVEN = 4000.0
+"""Largest fourth difference of nodes, in differences from the network. A cubic spline through f is ``h⁴ f⁽⁴⁾/384`` away
+from it halfway between nodes at a distance h, where f is smooth: ten times that is an edited node, not a law."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +34,10 @@ class Bounds:
 class Certificate:
     """Largest relative differences between a baked law and its network, wherever the table covers.
 
-    ``energy``: of φp; ``force``: of its slopes in Δl and Δθ, each relative to the size of a slope that a spring and a
-    hinge alone have there, ``2 φp / |Δl|`` and ``2 φp / |Δθ|``, so that small deformations count as large ones do. φp
-    counts as ``SOFTEST`` of :meth:`BakedHinges.usual` at least: hinges of a limp fabric may store nothing somewhere.
+    ``energy``: of φp, and no less than the nodes tell (:meth:`BakedHinges.differences`); ``force``: of its slopes
+    in Δl and Δθ, each relative to the size of a slope that a spring and a hinge alone have there, ``2 φp / |Δl|`` and
+    ``2 φp / |Δθ|``, so that small deformations count as large ones do. φp counts as ``SOFTEST`` of
+    :meth:`BakedHinges.usual` at least: hinges of a limp fabric may store nothing somewhere.
     ``constants``: of :attr:`HingeLaw.constants`.
     """
 
@@ -52,7 +57,7 @@ class Certificate:
     @classmethod
     def of(cls, baked: BakedHinges, true: Samples, **facts: object) -> Certificate:
         """Of a table, compared with what its network says."""
-        return cls(**facts, **true.differences(baked))
+        return cls(**facts, **baked.differences(true))
 
     def check(self, bounds: Bounds) -> None:
         """Refuse a table that is too far from its network.
@@ -143,3 +148,22 @@ class BakedHinges(HingeLaw):
         """``½ K z² + ½ B y²`` with the means of K and B over the table [J]."""
         k, b = self.plane.values.mean((1, 2)).tolist()
         return 0.5 * (k * (q[:, 0] / self.stretch_scale).square() + b * (q[:, 1] / self.angle_scale).square())
+
+    def differences(self, true: Samples) -> dict[str, float]:
+        """Those of the samples, but of the energy at least what the nodes tell of the places between them."""
+        found = true.differences(self)
+        return found | {"energy": float(np.maximum(found["energy"], self.unevenness() / UNEVEN))}
+
+    def unevenness(self) -> float:
+        """Largest fourth difference of K z² and of B y² along either axis of the nodes, as a share of their sum.
+
+        The sum counts as ``SOFTEST`` of that with the means of K and B at least.
+        """
+        values, (u, v) = self.plane.values, self.plane.places
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not a number is no difference that is allowed
+            squares = np.stack(np.broadcast_arrays(np.sinh(u)[:, None] ** 2, np.expm1(v).clip(min=0.0)))
+            usual = SOFTEST * (squares * values.mean((1, 2), keepdims=True)).sum(0)
+            size = np.maximum((squares * values).sum(0), usual).clip(min=np.finfo(np.float64).tiny)
+            along_u = np.abs(np.diff(values, 4, axis=1)) * squares[:, 2:-2] / size[2:-2]
+            along_v = np.abs(np.diff(values, 4, axis=2)) * squares[:, :, 2:-2] / size[:, 2:-2]
+        return float(np.max([np.max(each, initial=0.0) for each in (along_u, along_v)]))

@@ -31,6 +31,11 @@ class SplinePlane(nn.Module):
         taps = np.ascontiguousarray(windows.transpose(1, 2, 0, 3, 4).reshape(-1, 32))
         self.register_buffer("taps", torch.from_numpy(taps))
 
+    @property
+    def places(self) -> tuple[Float[np.ndarray, " nodes_u"], Float[np.ndarray, " nodes_v"]]:
+        """Coordinates of the nodes."""
+        return tuple(h * (first + np.arange(n)) for n, first, h in zip(self.nodes, self.first, self.step, strict=True))
+
     def forward(
         self, u: Float[Tensor, " edges"], v: Float[Tensor, " edges"]
     ) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
