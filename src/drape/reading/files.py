@@ -146,7 +146,8 @@ def _by_trimesh(path: Path) -> MeshFile:
     positions = np.concatenate([mesh.vertices for mesh in meshes]).astype(np.float64)[None]
     return MeshFile(
         path, Polygons.of_faces(faces), positions, uv=uv, materials=materials,
-        material=np.concatenate(each) if materials else None, **says, **_nodes(scene, meshes, path),
+        material=np.concatenate(each) if materials else None,
+        unit=1.0 if is_gltf else None, up="y" if is_gltf else None, **_nodes(scene, meshes, path),
     )  # fmt: skip
 
 
