@@ -154,9 +154,11 @@ def _by_trimesh(path: Path) -> MeshFile:
 def _nodes(scene: trimesh.Scene, meshes: list[trimesh.Trimesh], path: Path) -> dict:
     """The fields ``objects`` and ``object`` of glTF; trimesh makes nodes of its own for meshes of several materials."""
     named = {node.get("name") for node in _document(path).get("nodes", ())} if path.suffix.lower() in GLTF else set()
-    above, objects, each = scene.graph.transforms.parents, {}, []
+    above, each = scene.graph.transforms.parents, []
+    objects: dict[tuple[str, ...], int] = {}
     for mesh in meshes:
-        node, names = mesh.metadata["node"], []
+        node = mesh.metadata["node"]
+        names: list[str] = []
         while node in above:
             names[:0] = [node] if node in named else []
             node = above[node]

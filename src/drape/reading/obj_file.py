@@ -18,7 +18,9 @@ def read_obj(path: Path) -> MeshFile:
     text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\\\n", " ").replace("\\\r\n", " ")
     vertices, textures, corners, textured, sizes, material = [], [], [], [], [], []
     names: dict[str, int] = {}
-    current, objects, within, owner = -1, {}, {"o": [], "g": []}, []
+    objects: dict[tuple[str, ...], int] = {}
+    within: dict[str, list[str]] = {"o": [], "g": []}
+    current, owner = -1, []
     for number, line in enumerate(text.splitlines(), 1):
         words = line.partition("#")[0].split()
         try:

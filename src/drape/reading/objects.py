@@ -47,7 +47,7 @@ def of_object(source: MeshFile, wanted: str | None) -> MeshFile:
     if wanted is None:
         return source
     try:
-        kept = np.isin(source.object, chosen(source.objects, wanted))
+        kept = np.isin(np.asarray(source.object), chosen(source.objects, wanted))
     except DrapeError as error:
         raise DrapeError(f"{source.path}: {error}") from error
     at = np.repeat(kept, source.polygons.sizes)
