@@ -17,10 +17,8 @@ def read_obj(path: Path) -> MeshFile:
     """
     text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\\\n", " ").replace("\\\r\n", " ")
     vertices, textures, corners, textured, sizes, material = [], [], [], [], [], []
-    names: dict[str, int] = {}
-    objects: dict[tuple[str, ...], int] = {}
-    within: dict[str, list[str]] = {"o": [], "g": []}
-    current, owner = -1, []
+    names, objects = dict[str, int](), dict[tuple[str, ...], int]()
+    current, owner, within = -1, [], {"o": list[str](), "g": list[str]()}
     for number, line in enumerate(text.splitlines(), 1):
         words = line.partition("#")[0].split()
         try:
