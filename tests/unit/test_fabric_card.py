@@ -155,6 +155,8 @@ def test_values_are_judged(value, words):
     assert beside(value, 1.0, 3.0) == words
     assert row("silk", "x", value, [1.0, 3.0, "me"])["judgement"] == words
     assert row("silk", "x", value, None)["judgement"] == row("silk", "x", value, None)["published"] == ""
+    assert row("silk", "x", value, None, looked_for=True)["published"] == "none found"
+    assert row("silk", "x", value, [1.0, 3.0, "me"], looked_for=True)["published"] == "1 to 3"
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -27,6 +27,8 @@ from drape.simulators.simulator import Simulator
 
 LAW = "law"
 """Name of the energy of the config that cards are of."""
+NONE_FOUND = "none found"
+"""What a card says of a property of a fabric for which no published value was found that can be checked."""
 
 
 class FabricCard:
@@ -84,7 +86,8 @@ class FabricCard:
             discs = [drape_test(sample, diameter, self.rings) for diameter in self.diameters]
             ranges = self.published.get(fabric, {})
             values = self._values(sample, bent, discs)
-            rows += [row(fabric, name, value, ranges.get(name)) for name, value in values.items()]
+            looked_for = bool(ranges)
+            rows += [row(fabric, name, v, ranges.get(name), looked_for=looked_for) for name, v in values.items()]
             known = [(name, *each[:2]) for name, each in ranges.items() if name in values]
             compared = [Compared(name, values[name], float(low), float(high)) for name, low, high in known]
             pictured.append(Pictured(fabric, bent.profile, discs[-1].x, discs[-1].faces, compared))
@@ -119,10 +122,14 @@ class FabricCard:
         }
 
 
-def row(fabric: str, name: str, value: float | int, known: Sequence | None) -> Row:
-    """A row of the table: a value with what is ``known``, its least and largest value and their source."""
+def row(fabric: str, name: str, value: float | int, known: Sequence | None, *, looked_for: bool = False) -> Row:
+    """A row of the table: a value with what is ``known``, its least and largest value and their source.
+
+    Where nothing is known, ``none found`` if it was ``looked_for``.
+    """
     if known is None:
-        return {"fabric": fabric, "property": name, "law": value, "published": "", "judgement": "", "source": ""}
+        published = NONE_FOUND if looked_for else ""
+        return {"fabric": fabric, "property": name, "law": value, "published": published, "judgement": "", "source": ""}
     low, high, source = float(known[0]), float(known[1]), known[2]
     published = f"{low:g} to {high:g}" if low < high else f"{low:g}"
     judgement = beside(value, low, high)
