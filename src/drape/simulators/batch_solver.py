@@ -1,4 +1,4 @@
-"""Implicit Euler steps of garments in a batch, without a scene: a prior for networks, and their teacher."""
+"""Implicit Euler steps of garments in a batch, without a scene: a prior for networks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.inertia import Inertia
-from drape.energy.step import ObstacleStep, Step
+from drape.energy.step import Step
 from drape.scene.mesh_batch import MeshBatch
 from drape.simulators.minimise import Minimiser
 from drape.simulators.neural.advance import advance
@@ -38,40 +38,17 @@ class BatchSolver:
         self._kept: WeakKeyDictionary[MeshBatch, tuple[object, Minimiser]] = WeakKeyDictionary()
 
     @torch.no_grad()
-    def end(self, step: Step, evaluations: int, tolerance: float = 1e-3) -> Float[Tensor, "vertices 3"]:
-        """Where ``step``, with its ``touching``, ends [m] after at most so many evaluations of the potential.
-
-        ``tolerance``: mean unbalanced force of a vertex, in its weight, at which no more are asked.
-        """
+    def end(self, step: Step, evaluations: int) -> Float[Tensor, "vertices 3"]:
+        """Where ``step``, with its ``touching``, ends [m] after at most so many evaluations of the potential."""
         minimiser = self._minimiser(step)
         minimiser.begin()
-        weight = float(step.mass.mean() * step.gravity.norm())
-        return minimiser.minimise([advance(self._start, step)], step, tolerance * weight, evaluations)[0]
+        return minimiser.minimise([advance(self._start, step)], step, 0.0, evaluations)[0]
 
     def response(self, force: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, "vertices 3"]:
         """How far a force [N] besides all others would move the cloth of ``step``, whose :meth:`end` was last asked
         for, to first order [m]; differentiable in the force.
         """
         return _Response.apply(force, self._minimiser(step))
-
-    @torch.no_grad()
-    def frame(
-        self, step: Step, parts: int, evaluations: int
-    ) -> tuple[Float[Tensor, "vertices 3"], Float[Tensor, "vertices 3"]]:
-        """Positions [m] and velocities [m/s] at the end of ``step``, in ``parts`` equal steps of so many evaluations.
-
-        Between frames the body and what is pinned move on straight lines.
-        """
-        x, v, dt = step.x, step.v, step.dt / parts
-        for part in range(parts):
-            body = step.obstacle
-            if body is not None:
-                ends = (torch.lerp(body.x, body.x_next, share / parts) for share in (part, part + 1))
-                body = ObstacleStep(body.faces, *ends, body.mesh_of_face)
-            now = replace(step, x=x, v=torch.where(step.free[:, None], v, step.v), dt=dt, obstacle=body)
-            end = self.end(self.touching(now), evaluations)
-            x, v = end, (end - x) / dt
-        return x, v
 
     def touching(self, step: Step) -> Step:
         """``step`` with the points of the cloth that the contact asks about, unless it has some."""

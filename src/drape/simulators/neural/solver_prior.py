@@ -38,7 +38,7 @@ class SolverPrior(nn.Module):
     def forward(self, step: Step) -> Float[Tensor, "vertices 3"]:
         """In world axes and the precision of the step; 0 at pinned vertices."""
         step = self._solver.touching(step)
-        x = self._solver.end(step, self.evaluations, 0.0)
+        x = self._solver.end(step, self.evaluations)
         v = torch.where(step.free[:, None], (x - step.x) / step.dt, step.v)
         reached = replace(step, v=v)
         if step.obstacle is not None:
