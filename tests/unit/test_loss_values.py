@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from drape.energy.contact import SurfaceContact
 from drape.energy.eunet import EUNet
 from drape.energy.inertia import Inertia
 from drape.energy.step import Step
@@ -158,7 +159,7 @@ def test_collision_is_a_mean_over_the_vertices_that_are_too_near():
     assert found["collision"].item() == pytest.approx(4 / 9)
 
 
-NUMBERS = {"stiffness": 1.0, "thickness": 1e-3, "reach": 0.1, "ramp": (0.1, 0.2, 0.6), "friction": None}
+NUMBERS = {"contact": SurfaceContact(1.0, 1e-3, 0.1, per_edge=0), "ramp": (0.1, 0.2, 0.6), "friction": None}
 
 
 class Inertial(Potential):

@@ -9,6 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from drape.energy.contact import SurfaceContact
 from drape.energy.elastic import ElasticEnergy
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
@@ -19,7 +20,7 @@ from drape.scene.disc import disc
 from drape.scene.grid import square_grid
 from tests.terms import law, make_step
 
-CONTACT = {"stiffness": 2e4, "thickness": 2e-3, "reach": 0.05, "ramp": (1.0, 0.0, 0.0), "friction": None}
+CONTACT = {"contact": SurfaceContact(2e4, 2e-3, 0.05, per_edge=0), "ramp": (1.0, 0.0, 0.0), "friction": None}
 
 
 class Tethers(EnergyTerm):

@@ -12,10 +12,14 @@ from torch import nn
 
 from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.sequence_loader import Watched
+from drape.energy.contact import SurfaceContact
+from drape.energy.fabric import Fabric
+from drape.energy.inertia import Inertia
+from drape.loss.potential import Potential
 from drape.loss.prediction import PredictionLoss
 from drape.metrics.rollout_scores import rollout_scores
 from drape.scene.material import ATTRIBUTES
-from drape.simulators.neural.cloths import RecordedCloths
+from drape.simulators.neural.cloths import LearnedCloths, RecordedCloths
 from drape.training.curriculum import curriculum
 from drape.training.simulator_training import SimulatorTraining
 from tests import garments
@@ -126,6 +130,16 @@ def test_each_step_has_the_target_and_the_body_of_its_own_time(data):
         torch.testing.assert_close(prediction.x_next.detach(), x)
         assert not step.x.requires_grad
         assert not step.v.requires_grad
+
+
+@pytest.mark.parametrize("per_edge", [0, 2])
+def test_steps_ask_the_points_of_the_cloth_that_the_contact_of_the_loss_asks(data, per_edge):
+    """Vertices, or two points inside each edge too; a network is told of vertices whatever the loss asks."""
+    contact = SurfaceContact(100.0, 5e-3, 0.2, per_edge)
+    loss = {"potential": Potential(1.0, contact, (1.0, 0.0, 0.0), None)}
+    cloths = LearnedCloths(dict.fromkeys(ATTRIBUTES, 1.0), lambda material: Fabric([Inertia()], torch.empty(0)))
+    for step in after(data, loss=loss, cloths=cloths).network.seen:
+        assert len(step.near.distance) == step.mesh.num_vertices + per_edge * len(step.mesh.edges)
 
 
 def test_losses_know_how_far_the_training_is(data):

@@ -83,6 +83,12 @@ class Contact(EnergyTerm):
         grown.thickness, grown.reach = times * self.thickness, times * self.reach
         return grown
 
+    def stiffened(self, times: float) -> Contact:
+        """The same contact, so many times as stiff."""
+        changed = copy.copy(self)
+        changed.stiffness = times * self.stiffness
+        return changed
+
     def beside(self, scene: Scene) -> list[tuple[EnergyTerm, str]]:
         """Further terms of this contact, and why a scene requires them."""
         return []

@@ -1,4 +1,4 @@
-"""The incremental potential once more, seen in its own metric: how far a prediction is from what a solver would do."""
+"""Loss on the Newton step that a solver would still take from a prediction, and on its incremental potential."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.energy.contact import Contact
 from drape.energy.hessian import StencilSum
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm
@@ -32,7 +33,7 @@ class Newton(Potential):
         energies: weight of the mean energies per mass [kg/J] beside the length of Newton's step.
         scale: typical acceleration [m/s²], so that the loss of a network that predicts none is of the order of 1.
         longest: vertices whose step is longer count with this length [m]: H knows only where x' is.
-        weight, stiffness, thickness, reach, ramp, friction: as of :class:`Potential`.
+        weight, contact, ramp, friction: as of :class:`Potential`.
     """
 
     def __init__(
@@ -42,13 +43,11 @@ class Newton(Potential):
         longest: float,
         *,
         weight: float,
-        stiffness: float,
-        thickness: float,
-        reach: float,
+        contact: Contact,
         ramp: Sequence[float],
         friction: float | None,
     ):
-        super().__init__(weight, stiffness, thickness, reach, ramp, friction)
+        super().__init__(weight, contact, ramp, friction)
         self.energies, self.scale, self.longest = energies, scale, longest
         self._sums: WeakKeyDictionary[MeshBatch, StencilSum] = WeakKeyDictionary()
 

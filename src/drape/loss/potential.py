@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.energy.contact import PaperContact
+from drape.energy.contact import Contact
 from drape.energy.external import ExternalForce
 from drape.energy.friction import Friction
 from drape.energy.gravity import Gravity
@@ -27,28 +27,17 @@ class Potential(PredictionLoss):
 
     Args:
         weight: of the sum.
-        stiffness: of contact in the end, per mean mass of a vertex [N/(m² kg)].
-        thickness: distance from the body at which contact begins [m].
-        reach: vertices farther from the body at t feel no contact [m].
-        ramp: (share of ``stiffness`` at first, progress at which it begins to grow, progress at which it is 1).
+        contact: of cloth and body, in the end.
+        ramp: (share of its stiffness at first, progress at which it begins to grow, progress at which it is 1).
         friction: coefficient μ; None where the energy has no such term.
 
     Raises:
         DrapeError: a ramp of other than three shares in order.
     """
 
-    def __init__(
-        self,
-        weight: float,
-        stiffness: float,
-        thickness: float,
-        reach: float,
-        ramp: Sequence[float],
-        friction: float | None,
-    ):
+    def __init__(self, weight: float, contact: Contact, ramp: Sequence[float], friction: float | None):
         super().__init__(weight)
-        self.stiffness, self.thickness, self.reach = stiffness, thickness, reach
-        self.ramp, self.friction = tuple(ramp), friction
+        self.contact, self.ramp, self.friction = contact, tuple(ramp), friction
         if len(self.ramp) != 3 or not 0.0 <= self.ramp[1] <= self.ramp[2] <= 1.0 or not 0.0 < self.ramp[0] <= 1.0:
             raise DrapeError(
                 f"loss potential: ramp: found {list(ramp)}; expected a share of the stiffness above 0 and two points "
@@ -73,8 +62,7 @@ class Potential(PredictionLoss):
         first, begin, end = self.ramp
         risen = min(max((prediction.progress - begin) / max(end - begin, 1e-9), 0.0), 1.0)
         share = first + (1.0 - first) * risen
-        stiffness = self.stiffness * share * float(prediction.step.mass.mean())
-        contact = PaperContact(stiffness, self.thickness, self.reach)
+        contact = self.contact.stiffened(share)
         friction = [] if self.friction is None else [Friction(self.friction, contact)]
         external = [] if prediction.step.external_force is None else [ExternalForce()]
         return [Inertia(), Gravity(), *external, *prediction.terms, contact, *friction]

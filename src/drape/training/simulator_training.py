@@ -117,12 +117,14 @@ class SimulatorTraining(lightning.LightningModule):
         length = min(self._curriculum.length(self.global_step), rollout.length)
         cloth = self.cloths.draw(rollout, self.materials, generator)
         rollout, x, v = self._begin(rollout, generator)
+        contact = next((each.contact for each in self.loss.values() if isinstance(each, Potential)), None)
+        touching = None if contact is None else contact.surface(rollout.mesh)
         optimizer = self.optimizers()
         for group in optimizer.param_groups:
             group["lr"] = group["initial_lr"] * self._schedule(self.progress)
         sums: dict[str, Tensor] = {}
         for k in range(length):
-            step = rollout_step(rollout, k, x, v, cloth)
+            step = rollout_step(rollout, k, x, v, cloth, touching)
             x_next = advance(self.network, step)
             prediction = Prediction(x_next, step, rollout.x[k + 2], cloth.terms, self.progress)
             every = 1 if self._updates == "step" else length

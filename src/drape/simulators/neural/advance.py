@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from drape.contact.surface_points import SurfacePoints
 from drape.data.garment_rollout import GarmentRollout
 from drape.energy.step import ObstacleStep, Step
 from drape.simulators.neural.cloths import Cloth
@@ -21,9 +22,17 @@ def advance(network: nn.Module, step: Step) -> Float[Tensor, "vertices 3"]:
 
 
 def rollout_step(
-    rollout: GarmentRollout, k: int, x: Float[Tensor, "vertices 3"], v: Float[Tensor, "vertices 3"], cloth: Cloth
+    rollout: GarmentRollout,
+    k: int,
+    x: Float[Tensor, "vertices 3"],
+    v: Float[Tensor, "vertices 3"],
+    cloth: Cloth,
+    touching: SurfacePoints | None = None,
 ) -> Step:
-    """The step from frame t + k of ``rollout`` to the next one, of garments that are at ``x`` with velocities ``v``."""
+    """The step from frame t + k of ``rollout`` to the next one, of garments that are at ``x`` with velocities ``v``.
+
+    ``touching``: the points of the garments that can touch bodies; None for the vertices alone.
+    """
     led = (rollout.x[k + 2] - x) / rollout.dt
     return Step(
         mesh=rollout.mesh,
@@ -36,5 +45,6 @@ def rollout_step(
         dt=rollout.dt,
         external_force=cloth.external_force,
         obstacle=ObstacleStep(rollout.body_faces, rollout.body[k + 1], rollout.body[k + 2], rollout.mesh_of_face),
+        touching=touching,
         fabric=cloth.terms,
     )
