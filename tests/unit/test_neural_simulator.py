@@ -14,9 +14,9 @@ from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
 from drape.data.motion import edge_strain
 from drape.energy.fabric import Fabric
-from drape.energy.gravity import Gravity
-from drape.energy.inertia import Inertia
 from drape.energy.phys_material import PhysMaterial
+from drape.energy.terms.gravity import Gravity
+from drape.energy.terms.inertia import Inertia
 from drape.errors import DrapeError
 from drape.loss.collision import Collision
 from drape.loss.position import Position

@@ -16,7 +16,7 @@ from drape.contact.penetration import Body, cleared
 from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.garment_rollout import GarmentRollout
 from drape.data.sequence_loader import Watched
-from drape.energy.checkpoint import versions
+from drape.energy.law.checkpoint import versions
 from drape.errors import DrapeError
 from drape.loss.potential import Potential
 from drape.loss.prediction import Prediction, PredictionLoss
