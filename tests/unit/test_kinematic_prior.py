@@ -13,9 +13,9 @@ from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh_batch import MeshBatch
+from drape.simulators.advance import advance
 from drape.simulators.kinematic.edge_lengths import nearer_to_rest
 from drape.simulators.kinematic.prior import KinematicPrior
-from drape.simulators.neural.advance import advance
 from tests.networks import make_network
 from tests.terms import make_step, moved
 

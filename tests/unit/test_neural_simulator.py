@@ -23,11 +23,12 @@ from drape.loss.position import Position
 from drape.loss.potential import Potential
 from drape.loss.prediction import Prediction
 from drape.scene.material import ATTRIBUTES, Material
-from drape.simulators.neural.advance import advance, rollout_step
+from drape.simulators.advance import advance
 from drape.simulators.neural.cloths import LearnedCloths, RecordedCloths
 from drape.simulators.neural.kinematic import kinematic
 from drape.simulators.neural.neural import NeuralSimulator
 from drape.simulators.neural.phys_cloths import PhysCloths
+from drape.simulators.neural.rollout_step import rollout_step
 from drape.simulators.simulator import Outcome
 from drape.training.curriculum import curriculum
 from drape.training.schedule import halving

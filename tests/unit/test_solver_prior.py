@@ -17,8 +17,8 @@ from drape.energy.terms.contact import SurfaceContact
 from drape.geometry.grid import square_grid
 from drape.geometry.nearest_faces import NearestFaces
 from drape.scene.material import ATTRIBUTES
+from drape.simulators.advance import advance
 from drape.simulators.kinematic.prior import KinematicPrior, Nothing
-from drape.simulators.neural.advance import advance
 from drape.simulators.neural.cloths import RecordedCloths
 from drape.simulators.neural.neural import NeuralSimulator
 from drape.simulators.solver.batch_solver import BatchSolver

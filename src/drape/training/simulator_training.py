@@ -22,9 +22,10 @@ from drape.loss.potential import Potential
 from drape.loss.prediction import Prediction, PredictionLoss
 from drape.metrics import simulator_record
 from drape.metrics.rollout_scores import ScoredRollout, rollout_scores
-from drape.simulators.neural.advance import advance, rollout_step
+from drape.simulators.advance import advance
 from drape.simulators.neural.checkpoint import describe_simulator
 from drape.simulators.neural.cloths import Cloths
+from drape.simulators.neural.rollout_step import rollout_step
 from drape.training.curriculum import Curriculum
 from drape.training.schedule import Schedule
 

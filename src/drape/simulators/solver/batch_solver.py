@@ -18,8 +18,8 @@ from drape.energy.terms.friction import Friction
 from drape.energy.terms.gravity import Gravity
 from drape.energy.terms.inertia import Inertia
 from drape.geometry.mesh_batch import MeshBatch
+from drape.simulators.advance import advance
 from drape.simulators.kinematic.prior import KinematicPrior, Nothing
-from drape.simulators.neural.advance import advance
 from drape.simulators.solver.minimise import Minimiser
 
 

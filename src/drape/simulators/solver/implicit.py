@@ -17,8 +17,8 @@ from drape.energy.step import Step
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
 from drape.scene.state import State
+from drape.simulators.advance import advance
 from drape.simulators.kinematic.prior import KinematicPrior, Nothing
-from drape.simulators.neural.advance import advance
 from drape.simulators.simulator import Outcome, StepResult
 from drape.simulators.solver.balance import BALANCED, mean_weight
 from drape.simulators.solver.energy_limit import stored, without_gain

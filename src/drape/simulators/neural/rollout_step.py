@@ -1,23 +1,14 @@
-"""From accelerations to positions, and from a rollout to its time steps."""
+"""From a rollout to its time steps."""
 
 from __future__ import annotations
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from drape.data.garment_rollout import GarmentRollout
 from drape.energy.step import ObstacleStep, Step
 from drape.simulators.neural.cloths import Cloth
-
-
-def advance(network: nn.Module, step: Step) -> Float[Tensor, "vertices 3"]:
-    """``x' = x + dt (v + dt a)`` with a = network(step) [m/s²] (paper, appendix), in the precision of the step.
-
-    Pinned vertices go where they are led, ``x + dt v``.
-    """
-    acceleration = torch.where(step.free[:, None], network(step).to(step.x.dtype), 0.0)
-    return step.x + step.dt * (step.v + step.dt * acceleration)
 
 
 def rollout_step(
