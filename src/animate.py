@@ -15,10 +15,10 @@ from drape.data.animation_writer import AnimationWriter
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.report.animated import animated, explained
 from drape.report.preview import preview
+from drape.simulators.choice import simulator_of
 from drape.simulators.device import check_device
 from drape.simulators.rollout import COLUMNS, roll_out
 from drape.simulators.simulator import barrier_of
-from drape.simulators.solver import simulator_of
 
 SHAPES_FRAMES = ("scene", "fabric", "energy", "contact", "simulator")
 """Groups of the config that determine the frames."""

@@ -8,10 +8,10 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from drape import config as conf
-from drape.energy.baked_file import save_baked
-from drape.energy.baking import bake
-from drape.energy.hinge_law import NetworkHinges
-from drape.energy.load_law import load_law
+from drape.energy.law.baked.baking import bake
+from drape.energy.law.baked.file import save_baked
+from drape.energy.law.hinge_law import NetworkHinges
+from drape.energy.law.load_law import load_law
 from drape.errors import DrapeError
 
 

@@ -10,10 +10,10 @@ import trimesh
 
 from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
+from drape.geometry.grid import square_grid
 from drape.reading.files import read_file
 from drape.reading.mesh_record import ReadMesh
 from drape.reading.triangles import made
-from drape.scene.grid import square_grid
 from drape.scene.obstacle import Obstacle
 from drape.scene.state import State
 

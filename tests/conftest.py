@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from drape.scene.grid import square_grid
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
 
 
 @pytest.fixture(autouse=True)

@@ -9,26 +9,26 @@ import torch
 from torch import Tensor
 
 from drape.data.windows import Window
-from drape.energy.checkpoint import describe
-from drape.energy.damping import Damping
-from drape.energy.deformation import Stretch, StretchBending, StretchHinge
-from drape.energy.dissipation_speed import SpeedDissipation
-from drape.energy.eunet import EUNet
-from drape.energy.potential_hinge import HingePotential
-from drape.energy.potential_mlp import MLPPotential
-from drape.energy.timing import Timing
+from drape.energy.law.checkpoint import describe
+from drape.energy.law.damping import Damping
+from drape.energy.law.deformation import Stretch, StretchBending, StretchHinge
+from drape.energy.law.dissipation_speed import SpeedDissipation
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.potential_hinge import HingePotential
+from drape.energy.law.potential_mlp import MLPPotential
+from drape.energy.law.timing import Timing
+from drape.geometry.mesh_batch import MeshBatch
 from drape.nets.mlp import EnergyNet
 from drape.scene.material import ATTRIBUTES
-from drape.scene.mesh_batch import MeshBatch
 from tests.conftest import bent
 
 NET = partial(EnergyNet, width=16, blocks=1, layers_per_block=2)
 
 PAPER = {
-    "_target_": "drape.energy.eunet.EUNet",
+    "_target_": "drape.energy.law.eunet.EUNet",
     "potential": {
-        "_target_": "drape.energy.potential_mlp.MLPPotential",
-        "deformation": {"_target_": "drape.energy.deformation.StretchBending"},
+        "_target_": "drape.energy.law.potential_mlp.MLPPotential",
+        "deformation": {"_target_": "drape.energy.law.deformation.StretchBending"},
         "net": {"_target_": "drape.nets.mlp.EnergyNet", "_partial_": True} | NET.keywords,
         "stretch_scale": 0.01, "energy_scale": 0.1,
     },

@@ -29,7 +29,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "drape"
 RESULT = ROOT / "sweeps" / "results" / "planted_faults.md"
-FOLDERS = ("loss", "training", "metrics", "data", "simulators", "energy", "contact")
+FOLDERS = ("loss", "training", "metrics", "data", "simulators", "energy", "contact", "geometry")
 SECONDS = 120
 """After which tests count as failed: a fault may well keep a loop from ending."""
 OPTIONS = ["-x", "-q", "-o", "addopts=", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", "ignore"]

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
 from drape.scene.mass import vertex_masses
-from drape.scene.mesh import ClothMesh
 
 FPS, SUBSTEPS = 60.0, 40
 STIFFNESS, DAMPER = 20.0, 0.15

@@ -10,29 +10,29 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from drape.contact.surface_points import SurfacePoints
-from drape.energy.baked_hinges import BakedHinges
-from drape.energy.baking import Resolution, bake
-from drape.energy.bending import Bending
-from drape.energy.contact import PaperContact, SurfaceContact
-from drape.energy.dissipation import Dissipation
-from drape.energy.edge_law import NetworkLaw
-from drape.energy.elastic import ElasticEnergy
-from drape.energy.external import ExternalForce
-from drape.energy.friction import Friction
-from drape.energy.gravity import Gravity
-from drape.energy.hessian import Filled
-from drape.energy.hinge_elastic import Damping, HingeElastic
-from drape.energy.hinge_law import NetworkHinges
-from drape.energy.inertia import Inertia
-from drape.energy.spring_hinge import SpringHingeLaw
+from drape.energy.law.baked.baking import Resolution, bake
+from drape.energy.law.baked.hinges import BakedHinges
+from drape.energy.law.edge_law import NetworkLaw
+from drape.energy.law.hinge_law import NetworkHinges
+from drape.energy.law.spring_hinge import SpringHingeLaw
 from drape.energy.step import ObstacleStep, Step
-from drape.energy.stvk import StVK
 from drape.energy.term import EnergyTerm, Stencils
-from drape.scene.grid import square_grid
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.contact import PaperContact, SurfaceContact
+from drape.energy.terms.dissipation import Dissipation
+from drape.energy.terms.elastic import ElasticEnergy
+from drape.energy.terms.external import ExternalForce
+from drape.energy.terms.friction import Friction
+from drape.energy.terms.gravity import Gravity
+from drape.energy.terms.hinge_elastic import Damping, HingeElastic
+from drape.energy.terms.inertia import Inertia
+from drape.energy.terms.stvk import StVK
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
+from drape.geometry.surface_points import SurfacePoints
+from drape.linalg.stencil_sum import Filled
 from drape.scene.material import Material
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
 from tests.conftest import bent
 from tests.energies import make_energy
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from drape.data import schema
 from drape.data.hdf5_writer import DatasetHeader, StoredSequence
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 
 SETTINGS = dict.fromkeys(schema.MATERIAL_ATTRIBUTES, 1.0) | {"preset": "Silk", "mass_per_vertex": 0.15}
 

@@ -13,11 +13,11 @@ __version__ = "0.1.0"
 
 PUBLIC = {
     "AnimationFile": "drape.data.animation_hdf5",
-    "ClothMesh": "drape.scene.mesh",
+    "ClothMesh": "drape.geometry.mesh",
     "DrapeError": "drape.errors",
-    "EUNet": "drape.energy.eunet",
+    "EUNet": "drape.energy.law.eunet",
     "GarmentFile": "drape.data.garment_hdf5",
-    "ImplicitSolver": "drape.simulators.implicit",
+    "ImplicitSolver": "drape.simulators.solver.implicit",
     "IncrementalPotential": "drape.energy.incremental_potential",
     "Material": "drape.scene.material",
     "Scene": "drape.scene.scene",
@@ -25,7 +25,7 @@ PUBLIC = {
     "animate": "drape.simulators.animate",
     "compose": "drape.config.compose",
     "instantiate": "drape.config.entry_point",
-    "load_energy": "drape.energy.checkpoint",
+    "load_energy": "drape.energy.law.checkpoint",
     "open_trajectories": "drape.data.trajectories",
 }
 """Where each public name is; loaded when it is asked for, as not all need torch."""

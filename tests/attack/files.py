@@ -27,8 +27,8 @@ from drape.config.resolvers import SHIPPED, _estimates
 from drape.data.animation_hdf5 import AnimationFile
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.hdf5 import TrajectoryFile
-from drape.energy.baked_file import _digest, read_baked
-from drape.energy.load_law import load_law
+from drape.energy.law.baked.file import _digest, read_baked
+from drape.energy.law.load_law import load_law
 from drape.errors import DrapeError
 from drape.figure.bvh_file import load_bvh
 from drape.scene.material import Material

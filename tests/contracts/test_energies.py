@@ -8,14 +8,14 @@ from dataclasses import replace
 import pytest
 import torch
 
-from drape.energy.dissipation_speed import SpeedDissipation
-from drape.energy.edge_law import NetworkLaw
-from drape.energy.eunet import EUNet
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.dissipation_speed import SpeedDissipation
+from drape.energy.law.edge_law import NetworkLaw
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.step_energies import StepEnergies
 from drape.errors import DrapeError
-from drape.scene.geometry import EdgeGeometry
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
+from drape.geometry.edge_geometry import EdgeGeometry
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
 from tests.energies import ENERGIES, NET, SEEN, make_energy, make_window
 
 family = pytest.mark.parametrize(("potential", "dissipation", "deformation"), ENERGIES)

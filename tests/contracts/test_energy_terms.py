@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from drape.energy.hessian import Filled, StencilSum
 from drape.energy.term import Stencils
+from drape.linalg.stencil_sum import Filled, StencilSum
 from tests.terms import TERMS, assembled, converted, make_step, moved, renumbered, written_out
 
 every_term = pytest.mark.parametrize("name", TERMS)

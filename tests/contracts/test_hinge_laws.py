@@ -9,14 +9,14 @@ from dataclasses import replace
 import pytest
 import torch
 
-from drape.energy.baked_file import save_baked
-from drape.energy.baked_hinges import Bounds, Samples
-from drape.energy.baking import Resolution, bake
-from drape.energy.damping import Damping
-from drape.energy.eunet import EUNet
-from drape.energy.hinge_law import NetworkHinges, WithoutHinges, fabrics_damper
-from drape.energy.load_law import load_baked, load_law
-from drape.energy.scaled_law import at_density, learned_density
+from drape.energy.law.baked.baking import Resolution, bake
+from drape.energy.law.baked.file import save_baked
+from drape.energy.law.baked.hinges import Bounds, Samples
+from drape.energy.law.damping import Damping
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.hinge_law import NetworkHinges, WithoutHinges, fabrics_damper
+from drape.energy.law.load_law import load_baked, load_law
+from drape.energy.law.scaled_law import at_density, learned_density
 from drape.errors import DrapeError
 from drape.scene.material import Material
 from tests.energies import make_energy, write_checkpoint
@@ -158,18 +158,18 @@ def test_what_is_negative_does_not_damp():
 
 def test_law_of_a_checkpoint(cloth_batch, tmp_path):
     """The fabric's vector in the checkpoint's scales, the area that it was trained on, its forces; or a refusal."""
-    sees = {"_target_": "drape.energy.deformation.StretchHinge"}
+    sees = {"_target_": "drape.energy.law.deformation.StretchHinge"}
     model = {
-        "_target_": "drape.energy.eunet.EUNet",
+        "_target_": "drape.energy.law.eunet.EUNet",
         "potential": {
-            "_target_": "drape.energy.potential_hinge.HingePotential", "deformation": sees,
+            "_target_": "drape.energy.law.potential_hinge.HingePotential", "deformation": sees,
             "width": 16, "stretch_scale": 0.01, "angle_scale": 0.2, "energy_scale": 0.1,
         },
         "dissipation": {
-            "_target_": "drape.energy.damping.Damping",
+            "_target_": "drape.energy.law.damping.Damping",
             "width": 16, "stretch_scale": 0.01, "speed_scale": 1.0, "energy_scale": 0.1,
         },
-        "timing": {"_target_": "drape.energy.timing.Timing", "deformation": sees, "width": 16},
+        "timing": {"_target_": "drape.energy.law.timing.Timing", "deformation": sees, "width": 16},
     }  # fmt: skip
     energy = make_energy("hinge", "damping", timed=True).float()
     write_checkpoint(tmp_path / "last.ckpt", energy, model, cloth_batch)

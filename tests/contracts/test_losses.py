@@ -8,12 +8,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.step_energies import StepEnergies
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 from drape.loss.contrastive import Contrastive
 from drape.loss.energy_balance import EnergyBalance, EnergyBalancePerMass
 from drape.loss.force_residual import ForceResidual
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
 from tests.energies import make_energy, make_window
 
 LOSSES = {

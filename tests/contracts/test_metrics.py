@@ -7,14 +7,14 @@ import pytest
 import torch
 
 from drape.data.windows import Window
-from drape.energy.deformation import StretchBending
-from drape.energy.eunet import EUNet
-from drape.energy.spring_hinge import SpringHingeLaw
-from drape.energy.step_energies import StepEnergies
-from drape.energy.units import DissipationUnits, PotentialUnits
+from drape.energy.law.deformation import StretchBending
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.spring_hinge import SpringHingeLaw
+from drape.energy.law.step_energies import StepEnergies
+from drape.energy.law.units import DissipationUnits, PotentialUnits
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 from drape.metrics.family import energy_metrics
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
 
 FABRICS = ("silk", "leather", "denim", "cotton")
 TENSION = {"silk": 5.0, "leather": 80.0, "denim": 40.0, "cotton": 15.0}

@@ -20,7 +20,7 @@ from hydra.core.hydra_config import HydraConfig
 from drape.config import set_statistics
 from drape.data import schema
 from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = dict.fromkeys(schema.MATERIAL_ATTRIBUTES, 1.0)

@@ -17,7 +17,7 @@ import trimesh
 
 from drape.config.entry_point import CONF
 from drape.data.animation_hdf5 import AnimationFile
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 from drape.scene.mesh_file import read_triangles
 from tests.integration.conftest import ROOT, program
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from drape.energy.baked_file import read_baked
-from drape.energy.load_law import load_law
+from drape.energy.law.baked.file import read_baked
+from drape.energy.law.load_law import load_law
 from tests.energies import PAPER, make_energy, write_checkpoint
 from tests.integration.conftest import ROOT, Run, in_process
 

@@ -12,11 +12,11 @@ ENERGIES = """
 import hashlib
 import numpy as np
 import torch
-from drape.energy.baked_file import read_baked
-from drape.energy.hinge_elastic import HingeEdges, HingeElastic
-from drape.energy.hinge_kernel import add_hessian, energies_and_forces
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
+from drape.energy.law.baked.file import read_baked
+from drape.energy.terms.hinge_elastic import HingeEdges, HingeElastic
+from drape.energy.terms.hinge_kernel import add_hessian, energies_and_forces
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 term = HingeElastic(read_baked("src/drape/checkpoints/eunet_hinge_silk.npz"), transfer=True)
 mesh = MeshBatch.from_meshes([square_grid(1.0, 30)])
 term.edges(mesh)

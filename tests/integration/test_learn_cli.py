@@ -13,7 +13,7 @@ import pytest
 
 from drape.data.animation_hdf5 import AnimationFile
 from drape.data.recording_hdf5 import RecordingFile
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 from tests.integration.conftest import ROOT, in_process, program
 from tests.recordings import patch, swinging, write_npz
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 import yaml
 
-from drape.energy.checkpoint import load_energy
+from drape.energy.law.checkpoint import load_energy
 from drape.errors import DrapeError
 from tests.integration.conftest import in_process, program, small, trained
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 import torch
 
-from drape.energy.bending import Bending
-from drape.energy.external import ExternalForce
-from drape.energy.gravity import Gravity
-from drape.energy.inertia import Inertia
 from drape.energy.phys_material import THICKNESS, PhysMaterial
-from drape.energy.stvk import StVK
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.external import ExternalForce
+from drape.energy.terms.gravity import Gravity
+from drape.energy.terms.inertia import Inertia
+from drape.energy.terms.stvk import StVK
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
-from drape.scene.mesh import ClothMesh
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
 from tests.terms import assembled, converted, make_step
 
 HEIGHT = math.sqrt(3.0) / 2.0

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drape.energy.baked_file import SHAPES, _digest, read_baked, save_baked
-from drape.energy.baked_hinges import BakedHinges
-from drape.energy.load_law import load_baked
-from drape.energy.spline_plane import SplinePlane
+from drape.energy.law.baked.file import SHAPES, _digest, read_baked, save_baked
+from drape.energy.law.baked.hinges import BakedHinges
+from drape.energy.law.baked.spline_plane import SplinePlane
+from drape.energy.law.load_law import load_baked
 from drape.errors import DrapeError
 from drape.scene.material import Material
 from tests import terms

@@ -23,9 +23,9 @@ from drape.blender.timed_cloth import TimedCloth, check_comparable
 from drape.config import check_config, instantiate
 from drape.config.entry_point import CONF
 from drape.errors import DrapeError
+from drape.geometry.grid import square_grid
 from drape.metrics.position import distance_travelled, vertex_distance
 from drape.report.trade import draw_trade
-from drape.scene.grid import square_grid
 from drape.scene.material import Material
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins

@@ -18,7 +18,7 @@ from drape.blender.initial_state import random_state
 from drape.blender.presets import fabric_settings, read_preset
 from drape.blender.sequence import fabric_of, make_sequence, reason_to_reject, split_of
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 
 SOURCE = Path(drape.__file__).parents[1]
 CONF = SOURCE.parent / "conf"
@@ -31,7 +31,7 @@ import json, sys
 import numpy as np
 from drape.blender.cloth import simulate
 from drape.blender.presets import read_preset
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 mesh, settings = square_grid(1.0, 4), read_preset("Cotton") | {"air_damping": 0.0}
 pull = np.zeros((12, 3)); pull[:, 2] = -9.81; pull[:5] += (4.0, 0.0, 1.0)
 def accelerations(fps, pins):

@@ -10,14 +10,14 @@ import pytest
 import torch
 import trimesh
 
-from drape.contact.nearest_faces import NearestFaces
-from drape.energy.contact import Contact, PaperContact, SurfaceContact
-from drape.energy.friction import Friction
-from drape.energy.gravity import Gravity
-from drape.energy.inertia import Inertia
 from drape.energy.step import ObstacleStep, Step
+from drape.energy.terms.contact import Contact, PaperContact, SurfaceContact
+from drape.energy.terms.friction import Friction
+from drape.energy.terms.gravity import Gravity
+from drape.energy.terms.inertia import Inertia
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
+from drape.geometry.nearest_faces import NearestFaces
 from tests.terms import make_step, written_out
 
 UP = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)

@@ -16,7 +16,7 @@ from drape.data import schema
 from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 from drape.scene.mass import vertex_areas
 from drape.scene.scene import Scene
 

@@ -9,13 +9,13 @@ import pytest
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.step_energies import StepEnergies
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 from drape.loss.contrastive import Contrastive
 from drape.loss.energy_balance import EnergyBalance, EnergyBalancePerMass
 from drape.loss.force_residual import ForceResidual
 from drape.loss.term import LossTerm, loss_values
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
 from drape.training.captured_step import CapturedStep
 from tests.energies import make_energy, make_window
 

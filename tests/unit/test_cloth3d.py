@@ -22,7 +22,7 @@ from drape.data.conversion import Conversion
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.schema import MATERIAL_ATTRIBUTES
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 from tests.smpl_bodies import save_model, small_model
 
 SHEET = square_grid(1.0, 4).rest_positions.astype(np.float64)

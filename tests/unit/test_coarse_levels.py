@@ -10,10 +10,10 @@ import pytest
 import torch
 from scipy import sparse
 
-from drape.scene.coarse_levels import CoarseLevels, centres
-from drape.scene.disc import disc
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
+from drape.geometry.coarse_levels import CoarseLevels, centres
+from drape.geometry.disc import disc
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 
 
 def grid_graph(size: int) -> list[tuple[int, int]]:

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from drape.contact.coarseness import Turns, curvatures, least_radius, too_coarse
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 from drape.scene.obstacle import Obstacle
 
 SPHERE = trimesh.creation.icosphere(3, 1.2)

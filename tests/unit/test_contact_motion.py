@@ -9,16 +9,16 @@ import pytest
 import torch
 
 from drape.contact.penetration import Penetration, push_out
-from drape.energy.bending import Bending
 from drape.energy.incremental_potential import IncrementalPotential
-from drape.energy.stvk import StVK
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.stvk import StVK
 from drape.errors import DrapeError
 from drape.scene.built_in.sphere import sphere
 from drape.scene.material import Material
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
-from drape.simulators.implicit import ImplicitSolver
 from drape.simulators.rollout import first_frame
+from drape.simulators.solver.implicit import ImplicitSolver
 
 SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
 

@@ -9,15 +9,15 @@ import pytest
 import torch
 from torch import Tensor
 
-from drape.energy.damping import Damping
-from drape.energy.eunet import EUNet
-from drape.energy.hinge_elastic import Damping as DampingTerm
-from drape.energy.hinge_law import NetworkHinges
+from drape.energy.law.damping import Damping
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.hinge_law import NetworkHinges
 from drape.energy.step import Step
-from drape.scene.geometry import EdgeGeometry
-from drape.scene.grid import square_grid
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
+from drape.energy.terms.hinge_elastic import Damping as DampingTerm
+from drape.geometry.edge_geometry import EdgeGeometry
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
 from tests.energies import make_energy
 from tests.terms import hinges, make_step
 

@@ -22,10 +22,10 @@ from drape.data.motion import external_energy_per_mass
 from drape.data.observation import Observation
 from drape.data.sequence_loader import SequenceLoader
 from drape.data.windows import Window
-from drape.scene.geometry import EdgeGeometry
-from drape.scene.grid import square_grid
+from drape.geometry.edge_geometry import EdgeGeometry
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import ATTRIBUTES
-from drape.scene.mesh_batch import MeshBatch
 from tests import garments
 from tests.energies import make_window
 from tests.trajectories import header

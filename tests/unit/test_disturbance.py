@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
+from drape.geometry.edge_geometry import EdgeGeometry
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 from drape.loss.disturbance import HOPS_APART, affected_edges, disturbed_vertices
-from drape.scene.geometry import EdgeGeometry
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
 from tests.conftest import bent
 
 MESHES = {

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from drape.energy.edge_deformation import EdgeDeformation
-from drape.energy.edge_scale import WIDEST, EdgeScale
-from drape.energy.elastic import ElasticEnergy
-from drape.scene.geometry import EdgeGeometry, subtract_angles
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
+from drape.energy.terms.edge_deformation import EdgeDeformation
+from drape.energy.terms.edge_scale import WIDEST, EdgeScale
+from drape.energy.terms.elastic import ElasticEnergy
+from drape.geometry.edge_geometry import EdgeGeometry, subtract_angles
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 from tests.conftest import bent
 from tests.terms import law, make_step
 

@@ -10,7 +10,7 @@ import torch
 
 from drape.data.datamodule import TrajectoryDataModule
 from drape.data.hdf5_writer import write_trajectories
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.step_energies import StepEnergies
 from drape.loss.energy_balance import EnergyBalance
 from drape.loss.force_residual import ForceResidual
 from drape.metrics.family import energy_metrics

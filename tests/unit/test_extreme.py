@@ -17,10 +17,10 @@ from drape.data.animation_hdf5 import AnimationFile, AnimationHeader
 from drape.data.animation_writer import AnimationWriter
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.errors import DrapeError
+from drape.linalg.factorisation import Factorisation
 from drape.metrics.stability import Stability, energies, gain, stability
 from drape.report.stability import STOPPED, document, draw, read, verdict
 from drape.scene.state import State
-from drape.simulators.factorisation import Factorisation
 from drape.simulators.rollout import COLUMNS, roll_out
 from drape.simulators.simulator import Outcome
 

@@ -22,16 +22,16 @@ from drape.benchmark.triangular_sheet import triangular_sheet
 from drape.config import instantiate
 from drape.config.check import check_config
 from drape.config.entry_point import CONF
-from drape.energy.baked_hinges import BakedHinges
 from drape.energy.fabric import Fabric
-from drape.energy.hinge_elastic import Damping, HingeElastic
 from drape.energy.incremental_potential import IncrementalPotential
-from drape.energy.spline_plane import SplinePlane
+from drape.energy.law.baked.hinges import BakedHinges
+from drape.energy.law.baked.spline_plane import SplinePlane
+from drape.energy.terms.hinge_elastic import Damping, HingeElastic
 from drape.errors import DrapeError
-from drape.scene.disc import disc
+from drape.geometry.disc import disc
 from drape.scene.material import Material
-from drape.simulators.balance import mean_weight
-from drape.simulators.implicit import ImplicitSolver
+from drape.simulators.solver.balance import mean_weight
+from drape.simulators.solver.implicit import ImplicitSolver
 
 SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
 SPRING, HINGE, DAMPER, DRAG, FACE = 300.0, 1.2e-5, 0.5, 1e-3, 1e-3

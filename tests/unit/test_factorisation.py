@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from drape.simulators.factorisation import Factorisation
+from drape.linalg.factorisation import Factorisation
 
 
 def chain(stiffness: float, count: int = 30) -> sparse.csr_array:

@@ -12,7 +12,7 @@ import yaml
 from omegaconf import OmegaConf
 
 from drape.config.from_file import build_from_file
-from drape.energy.checkpoint import load_energy
+from drape.energy.law.checkpoint import load_energy
 from drape.errors import DrapeError
 from drape.report.stability import BUILT
 from drape.simulators.neural.checkpoint import load_simulator
@@ -31,11 +31,11 @@ PLANTS = {
     "logger": {"_target_": "lightning.pytorch.loggers.CSVLogger", "save_dir": "{mark}"},
     "module": {"_target_": "antigravity.fly"},
     "partial": {"_target_": "functools.partial", "_args_": ["os.mkdir", "{mark}"], "_partial_": True},
-    "resolver": {"_target_": "drape.energy.eunet.EUNet", "potential": "${oc.env:HOME}"},
-    "estimates": {"_target_": "drape.energy.eunet.EUNet", "potential": "${estimates:{mark}}"},
-    "recursive": {"_target_": "drape.energy.eunet.EUNet", "_recursive_": False, "potential": None},
+    "resolver": {"_target_": "drape.energy.law.eunet.EUNet", "potential": "${oc.env:HOME}"},
+    "estimates": {"_target_": "drape.energy.law.eunet.EUNet", "potential": "${estimates:{mark}}"},
+    "recursive": {"_target_": "drape.energy.law.eunet.EUNet", "_recursive_": False, "potential": None},
     "name": {"_target_": "${oc.env:HOME}"},
-    "key": {"_target_": "drape.energy.eunet.EUNet", "${oc.env:HOME}": 1},
+    "key": {"_target_": "drape.energy.law.eunet.EUNet", "${oc.env:HOME}": 1},
     "type": {"_target_": ["os.mkdir"]},
 }  # fmt: skip
 """Harmless ones that leave the file ``{mark}`` behind, or read what is none of a file's business."""
@@ -125,7 +125,7 @@ def test_yaml_that_grows_without_end():
     for _ in range(18):
         tree = [tree] * 10
     with pytest.raises(DrapeError, match="more than 20 levels or 10000 values"):
-        build_from_file({"_target_": "drape.energy.eunet.EUNet", "potential": tree}, ("model",), "a")
+        build_from_file({"_target_": "drape.energy.law.eunet.EUNet", "potential": tree}, ("model",), "a")
 
 
 @pytest.mark.parametrize(

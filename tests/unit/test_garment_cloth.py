@@ -14,7 +14,7 @@ import trimesh
 
 import drape
 from drape.blender.garment_quality import MEASURES, inside_body, measure_quality, reason_to_refuse
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 SOURCE = Path(drape.__file__).parents[1]
 BOUNDS = {"inside": 0.002, "self_intersection": 0.005, "stretch": 1.4, "speed": 15.0, "attempts": 5}

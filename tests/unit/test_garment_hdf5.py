@@ -23,7 +23,7 @@ from drape.data.garment_writer import (
 )
 from drape.data.schema import MATERIAL_ATTRIBUTES
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 
 SETTINGS = dict.fromkeys(MATERIAL_ATTRIBUTES, 1.0) | {"preset": "Silk", "mass_per_vertex": 0.15}
 FRAMES, JOINTS = 6, 3

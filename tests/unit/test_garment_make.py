@@ -22,7 +22,7 @@ from drape.garment.kinds import LOOPS
 from drape.garment.polish import vertex_normals
 from drape.garment.quality import check_quality, measure_quality
 from drape.garment.style import KINDS, GarmentStyle, random_style
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 EDGE = 0.04
 

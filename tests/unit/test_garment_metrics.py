@@ -10,10 +10,13 @@ import torch
 import trimesh
 
 from drape.contact.penetration import Penetration, distances
-from drape.contact.surface_points import SurfacePoints
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
 from drape.errors import DrapeError
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
+from drape.geometry.surface_points import SurfacePoints
 from drape.metrics.collision import behind_nearest_vertex, vertex_normals
 from drape.metrics.drift import energy_drift, momentum_drift
 from drape.metrics.evaluation_record import EvaluationRecord
@@ -21,9 +24,6 @@ from drape.metrics.garment_metric import GarmentMetric
 from drape.metrics.garment_scores import SCORES, AnimatedGarment, frame_scores, sequence_scores
 from drape.metrics.hem import hem_angle, hem_corners
 from drape.metrics.self_intersection import self_intersecting
-from drape.scene.grid import square_grid
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
 from drape.scene.obstacle import Obstacle
 from tests import garments
 

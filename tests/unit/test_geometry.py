@@ -10,10 +10,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from drape.scene.geometry import HALF_TURN, EdgeGeometry, subtract_angles
-from drape.scene.grid import square_grid
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
+from drape.geometry.edge_geometry import HALF_TURN, EdgeGeometry, subtract_angles
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
 from tests.conftest import bent
 
 QUANTITIES = ("length", "area", "twist", "bend", "hinge", "hinge_change", "direction", "midpoint", "vertex_normals")

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
-from drape.scene.disc import disc
-from drape.scene.grid import rectangular_grid, square_grid
+from drape.geometry.disc import disc
+from drape.geometry.grid import rectangular_grid, square_grid
 from drape.simulators.neural.graph_acceleration import GraphAcceleration
 from drape.simulators.neural.heading import Heading
 from tests.networks import SCHEDULES, make_network, untrained

@@ -14,7 +14,7 @@ from drape.data import schema
 from drape.data.hdf5 import TrajectoryFile
 from drape.data.hdf5_writer import write_trajectories
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 from tests.trajectories import SETTINGS, header, sequences
 
 

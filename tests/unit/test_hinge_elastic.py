@@ -10,14 +10,14 @@ import torch
 from torch import Tensor
 
 from drape.energy import fabric
-from drape.energy.bending import Bending
-from drape.energy.deformation import Stretch, StretchBending
-from drape.energy.edge_law import NetworkLaw
-from drape.energy.hinge_elastic import Damping, HingeElastic
-from drape.energy.hinge_law import HingeLaw, WithoutHinges
-from drape.energy.stretch_only import StretchOnly
-from drape.scene.grid import square_grid
-from drape.scene.mesh import ClothMesh
+from drape.energy.law.deformation import Stretch, StretchBending
+from drape.energy.law.edge_law import NetworkLaw
+from drape.energy.law.hinge_law import HingeLaw, WithoutHinges
+from drape.energy.law.stretch_only import StretchOnly
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.hinge_elastic import Damping, HingeElastic
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
 from tests.energies import make_energy
 from tests.terms import assembled, baked, hinges, make_step
 

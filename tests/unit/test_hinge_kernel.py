@@ -10,16 +10,16 @@ import pytest
 import torch
 from torch import Tensor
 
-from drape.energy.baked_hinges import BakedHinges
-from drape.energy.hessian import Filled
-from drape.energy.hinge_elastic import HingeElastic
-from drape.energy.hinge_law import HingeLaw
+from drape import compiled as compiled_code
+from drape.compiled import BLOCK, compiled
+from drape.energy.law.baked.hinges import BakedHinges
+from drape.energy.law.hinge_law import HingeLaw
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm
-from drape.scene import compiled as compiled_code
-from drape.scene.compiled import BLOCK, compiled
-from drape.scene.grid import square_grid
-from drape.scene.mesh import ClothMesh
+from drape.energy.terms.hinge_elastic import HingeElastic
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
+from drape.linalg.stencil_sum import Filled
 from tests.conftest import bent
 from tests.terms import assembled, baked, converted, make_step, written_out
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drape.energy.hinge_law import fabrics_damper
+from drape.energy.law.hinge_law import fabrics_damper
 
 
 @pytest.mark.parametrize("steps", [4, 5, 15])

@@ -182,7 +182,7 @@ def test_nothing_is_unfinished():
 
 
 def test_blender_and_the_file_format_do_not_load_torch():
-    light = ["blender", "config", "data.schema", "data.hdf5", "scene.mesh", "scene.grid"]
+    light = ["blender", "config", "data.schema", "data.hdf5", "geometry.mesh", "geometry.grid"]
     code = f"import sys, {', '.join(f'drape.{name}' for name in light)}; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], env=environment(), check=False).returncode == 0
 

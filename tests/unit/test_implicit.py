@@ -9,22 +9,22 @@ import pytest
 import torch
 from scipy import optimize
 
-from drape.contact.nearest_faces import NearestFaces
-from drape.energy.bending import Bending
-from drape.energy.hinge_elastic import Damping, HingeElastic
 from drape.energy.incremental_potential import IncrementalPotential
-from drape.energy.spring_hinge import SpringHingeLaw
-from drape.energy.stvk import StVK
+from drape.energy.law.spring_hinge import SpringHingeLaw
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.hinge_elastic import Damping, HingeElastic
+from drape.energy.terms.stvk import StVK
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.nearest_faces import NearestFaces
 from drape.scene.material import Material
-from drape.scene.mesh import ClothMesh
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators.implicit import ImplicitSolver
 from drape.simulators.simulator import Outcome
+from drape.simulators.solver.implicit import ImplicitSolver
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)

@@ -9,22 +9,22 @@ import pytest
 import torch
 import trimesh
 
-from drape.energy.bending import Bending
-from drape.energy.contact import Contact, PaperContact
 from drape.energy.incremental_potential import IncrementalPotential
-from drape.energy.ipc import Barrier, IpcContact
 from drape.energy.step import Step
-from drape.energy.stvk import StVK
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.contact import Contact, PaperContact
+from drape.energy.terms.ipc import Barrier, IpcContact
+from drape.energy.terms.stvk import StVK
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
-from drape.scene.mesh import ClothMesh
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators.implicit import ImplicitSolver
 from drape.simulators.rollout import first_frame
 from drape.simulators.simulator import Outcome, StepResult
+from drape.simulators.solver.implicit import ImplicitSolver
 from tests.unit.test_contact_motion import falling
 from tests.unit.test_implicit import GRAVITY, NO_ATTRIBUTES, SILK, ground
 

@@ -11,11 +11,11 @@ from torch import Tensor, nn
 
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
-from drape.simulators.neural.advance import advance
-from drape.simulators.neural.edge_lengths import nearer_to_rest
-from drape.simulators.neural.kinematic_prior import KinematicPrior
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
+from drape.simulators.advance import advance
+from drape.simulators.kinematic.edge_lengths import nearer_to_rest
+from drape.simulators.kinematic.prior import KinematicPrior
 from tests.networks import make_network
 from tests.terms import make_step, moved
 

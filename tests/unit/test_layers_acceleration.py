@@ -11,14 +11,14 @@ import pytest
 import torch
 from torch import nn
 
-from drape.contact import mesh_distances, nearest_points
-from drape.contact.nearest_faces import NearestFaces
-from drape.contact.nearest_points import NearestPoints
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
+from drape.geometry import mesh_distances, nearest_points
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.nearest_faces import NearestFaces
+from drape.geometry.nearest_points import NearestPoints
 from drape.nets.layers_transformer import LayersTransformer
-from drape.scene.grid import square_grid
-from drape.scene.mesh import ClothMesh
 from drape.simulators.neural.heading import Heading
 from drape.simulators.neural.layers_acceleration import LayersAcceleration
 from tests.terms import converted, make_step, moved, renumbered

@@ -8,11 +8,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from drape.energy.contact import SurfaceContact
-from drape.energy.eunet import EUNet
-from drape.energy.inertia import Inertia
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.step_energies import StepEnergies
 from drape.energy.step import Step
-from drape.energy.step_energies import StepEnergies
+from drape.energy.terms.contact import SurfaceContact
+from drape.energy.terms.inertia import Inertia
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 from drape.loss.collision import Collision
 from drape.loss.contrastive import Contrastive
 from drape.loss.energy_balance import EnergyBalance, EnergyBalancePerMass
@@ -21,8 +23,6 @@ from drape.loss.newton import Newton
 from drape.loss.position import Position
 from drape.loss.potential import Potential
 from drape.loss.prediction import Prediction
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
 from tests.energies import make_window
 from tests.terms import make_step
 from tests.unit.test_metric_values import Springs

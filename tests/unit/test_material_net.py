@@ -24,15 +24,15 @@ from drape.energy.force_balance import (
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.phys_material import PhysMaterial
 from drape.errors import DrapeError
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 from drape.nets.material_net import MaterialNet
-from drape.scene.grid import square_grid
 from drape.scene.mass import vertex_masses
 from drape.scene.material import ATTRIBUTES, Material, attribute_vector
-from drape.scene.mesh_batch import MeshBatch
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators.implicit import ImplicitSolver
+from drape.simulators.solver.implicit import ImplicitSolver
 from drape.training.material_data import material_loader
 from drape.training.material_training import fit
 from tests import garments

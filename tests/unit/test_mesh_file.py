@@ -10,8 +10,8 @@ import pytest
 import trimesh
 
 from drape.errors import DrapeError
+from drape.geometry.grid import square_grid
 from drape.reading.files import read_file
-from drape.scene.grid import square_grid
 from drape.scene.mesh_file import read_cloth, read_triangles
 from drape.scene.proportions import check_garment_and_body, check_upright, perhaps_lying
 

@@ -6,20 +6,20 @@ import pytest
 import torch
 
 from drape.data.windows import Window
-from drape.energy.deformation import StretchBending
-from drape.energy.eunet import EUNet
-from drape.energy.spring_hinge import SpringHingeLaw
-from drape.energy.step_energies import StepEnergies
-from drape.energy.units import PotentialUnits
+from drape.energy.law.deformation import StretchBending
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.spring_hinge import SpringHingeLaw
+from drape.energy.law.step_energies import StepEnergies
+from drape.energy.law.units import PotentialUnits
 from drape.errors import DrapeError
+from drape.geometry.edge_geometry import EdgeGeometry
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 from drape.metrics.contrastive import ContrastiveViolations
 from drape.metrics.energy_error import EnergyError
 from drape.metrics.force import ForceResidual, InertialForce, SpringHingeResidual
 from drape.metrics.rest_state import RestState
 from drape.metrics.stiffness import StretchStiffness, secant
-from drape.scene.geometry import EdgeGeometry
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
 
 FABRICS = ("silk", "denim")
 STIFFNESS = {"silk": 300.0, "denim": 2000.0}

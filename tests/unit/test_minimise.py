@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from drape.scene.grid import square_grid
-from drape.simulators.minimise import Minimiser, _Place, _shorter
+from drape.geometry.grid import square_grid
+from drape.simulators.solver.minimise import Minimiser, _Place, _shorter
 from tests.terms import make_step
 
 

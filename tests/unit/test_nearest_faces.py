@@ -9,11 +9,11 @@ import pytest
 import torch
 import trimesh
 
-from drape.contact import mesh_distances, nearest_faces
-from drape.contact.closest_faces import closest_faces
-from drape.contact.nearest_faces import NearestFaces
+from drape.geometry import mesh_distances, nearest_faces
+from drape.geometry.closest_faces import closest_faces
+from drape.geometry.nearest_faces import NearestFaces
+from drape.geometry.triangles import closest_on_triangles
 from drape.scene.obstacle import Obstacle
-from drape.scene.triangles import closest_on_triangles
 
 
 def find(x, faces, body, mesh_of_vertex=None, mesh_of_face=None, body_next=None):

@@ -13,22 +13,23 @@ from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
 from drape.data.motion import edge_strain
-from drape.energy.contact import SurfaceContact
 from drape.energy.fabric import Fabric
-from drape.energy.gravity import Gravity
-from drape.energy.inertia import Inertia
 from drape.energy.phys_material import PhysMaterial
+from drape.energy.terms.contact import SurfaceContact
+from drape.energy.terms.gravity import Gravity
+from drape.energy.terms.inertia import Inertia
 from drape.errors import DrapeError
 from drape.loss.collision import Collision
 from drape.loss.position import Position
 from drape.loss.potential import Potential
 from drape.loss.prediction import Prediction
 from drape.scene.material import ATTRIBUTES, Material
-from drape.simulators.neural.advance import advance, rollout_step
+from drape.simulators.advance import advance
 from drape.simulators.neural.cloths import LearnedCloths, RecordedCloths
 from drape.simulators.neural.kinematic import kinematic
 from drape.simulators.neural.neural import NeuralSimulator
 from drape.simulators.neural.phys_cloths import PhysCloths
+from drape.simulators.neural.rollout_step import rollout_step
 from drape.simulators.simulator import Outcome
 from drape.training.curriculum import curriculum
 from drape.training.schedule import halving

@@ -9,15 +9,15 @@ import pytest
 import torch
 from torch import Tensor
 
-from drape.energy.contact import SurfaceContact
-from drape.energy.elastic import ElasticEnergy
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
+from drape.energy.terms.contact import SurfaceContact
+from drape.energy.terms.elastic import ElasticEnergy
+from drape.geometry.disc import disc
+from drape.geometry.grid import square_grid
 from drape.loss.newton import Newton
 from drape.loss.potential import Potential
 from drape.loss.prediction import Prediction
-from drape.scene.disc import disc
-from drape.scene.grid import square_grid
 from tests.terms import law, make_step
 
 CONTACT = {"contact": SurfaceContact(2e4, 2e-3, 0.05, per_edge=0), "ramp": (1.0, 0.0, 0.0), "friction": None}

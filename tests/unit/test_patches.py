@@ -10,10 +10,10 @@ import torch
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from drape.scene.grid import rectangular_grid, square_grid
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
-from drape.scene.patches import COVERING, Patches
+from drape.geometry.grid import rectangular_grid, square_grid
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
+from drape.geometry.patches import COVERING, Patches
 
 SIZE = 0.15
 

@@ -7,12 +7,12 @@ import copy
 import pytest
 import torch
 
-from drape.energy.deformation import Stretch, StretchBending, StretchHinge
-from drape.energy.potential_hinge import HingePotential
+from drape.energy.law.deformation import Stretch, StretchBending, StretchHinge
+from drape.energy.law.potential_hinge import HingePotential
 from drape.errors import DrapeError
-from drape.scene.geometry import EdgeGeometry
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
+from drape.geometry.edge_geometry import EdgeGeometry
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
 from tests.conftest import bent
 from tests.energies import SEEN, make_energy
 

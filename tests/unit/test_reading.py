@@ -12,12 +12,12 @@ import pytest
 from drape.data.recorded.rest import RestShapes
 from drape.data.recorded.sequence import read_recording
 from drape.errors import DrapeError
+from drape.geometry.mesh import ClothMesh
 from drape.reading.files import read_file
 from drape.reading.mesh_record import MeshFile, Polygons, ReadMesh
 from drape.reading.polygons import clip_ears, triangulated
 from drape.reading.triangles import looking_outwards, made
 from drape.reading.winding import Sheets, areas
-from drape.scene.mesh import ClothMesh
 from drape.scene.mesh_file import read_cloth
 
 FILES = Path(__file__).parents[1] / "fixtures"

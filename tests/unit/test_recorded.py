@@ -18,15 +18,15 @@ from drape.data.recorded.conversion import convert_recorded, split_of_sequences
 from drape.data.recorded.shown_gravity import shown_gravity
 from drape.data.recording_hdf5 import RecordingFile
 from drape.data.trajectories import open_trajectories
+from drape.energy.law.spring_hinge import SpringHingeLaw
 from drape.energy.own_fabric import own_fabric
-from drape.energy.spring_hinge import SpringHingeLaw
 from drape.errors import DrapeError
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
 from drape.report.contact_sheet import draw_contact_sheet
 from drape.report.dataset_card import dataset_card
 from drape.report.shown_motion import shown_motion
-from drape.scene.grid import square_grid
 from drape.scene.material import ATTRIBUTES
-from drape.scene.mesh import ClothMesh
 from tests.recordings import DENSITY, STIFFNESS, patch, swinging, write_meshes, write_npz
 
 GRID = square_grid(0.4, 4)

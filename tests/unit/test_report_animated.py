@@ -13,18 +13,18 @@ import trimesh
 
 from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
-from drape.energy.ipc import Barrier
+from drape.energy.terms.ipc import Barrier
+from drape.geometry.grid import square_grid
 from drape.report.animated import animated
 from drape.report.frame_numbers import spans
-from drape.scene.grid import square_grid
 from drape.scene.material import Material
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators.balance import HANGING, mean_weight
 from drape.simulators.rollout import COLUMNS, roll_out
 from drape.simulators.simulator import Outcome, StepResult
+from drape.simulators.solver.balance import HANGING, mean_weight
 from tests.unit.test_ipc import dented, ipc
 
 SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)

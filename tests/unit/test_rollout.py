@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 
 import drape
-from drape.contact.nearest_faces import NearestFaces
 from drape.data.animation_hdf5 import AnimationFile, AnimationHeader
 from drape.data.animation_writer import AnimationWriter
-from drape.energy.baked_file import read_baked
-from drape.energy.hinge_elastic import Damping, HingeElastic
 from drape.energy.incremental_potential import IncrementalPotential
+from drape.energy.law.baked.file import read_baked
+from drape.energy.terms.hinge_elastic import Damping, HingeElastic
+from drape.geometry.nearest_faces import NearestFaces
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators import minimise
-from drape.simulators.implicit import ImplicitSolver
 from drape.simulators.rollout import COLUMNS, frames, roll_out
+from drape.simulators.solver import minimise
+from drape.simulators.solver.implicit import ImplicitSolver
 from tests.unit.test_implicit import NO_ATTRIBUTES, ground, run, scene_of, solver_of
 
 

@@ -12,18 +12,18 @@ from hydra.core.global_hydra import GlobalHydra
 
 from drape.config import instantiate
 from drape.config.entry_point import CONF
-from drape.energy.baking import Resolution, bake
-from drape.energy.edge_law import NetworkLaw
-from drape.energy.hinge_law import NetworkHinges
 from drape.energy.incremental_potential import IncrementalPotential
-from drape.energy.scaled_law import at_density, learned_density
+from drape.energy.law.baked.baking import Resolution, bake
+from drape.energy.law.edge_law import NetworkLaw
+from drape.energy.law.hinge_law import NetworkHinges
+from drape.energy.law.scaled_law import at_density, learned_density
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 from drape.scene.material import Material
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators.implicit import ImplicitSolver
+from drape.simulators.solver.implicit import ImplicitSolver
 from tests.energies import make_energy
 
 SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)

@@ -12,9 +12,9 @@ import yaml
 from drape.blender.presets import fabric_settings
 from drape.config.entry_point import CONF
 from drape.errors import DrapeError
-from drape.scene.disc import disc
+from drape.geometry.disc import disc
+from drape.geometry.grid import rectangular_grid, square_grid
 from drape.scene.frozen_array import frozen_floats, frozen_indices
-from drape.scene.grid import rectangular_grid, square_grid
 from drape.scene.mass import vertex_masses
 from drape.scene.material import ATTRIBUTES, Material, attribute_vector
 from drape.scene.obstacle import Obstacle

@@ -10,19 +10,19 @@ import torch
 import trimesh
 
 from drape.contact.sharp_points import SharpPoints
-from drape.contact.surface_points import SurfacePoints
-from drape.energy.bending import Bending
-from drape.energy.contact import Contact, PaperContact, SurfaceContact
 from drape.energy.incremental_potential import IncrementalPotential
-from drape.energy.ipc import Barrier
-from drape.energy.point_stencils import point_stencils
-from drape.energy.stvk import StVK
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.contact import Contact, PaperContact, SurfaceContact
+from drape.energy.terms.ipc import Barrier
+from drape.energy.terms.point_stencils import point_stencils
+from drape.energy.terms.stvk import StVK
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
+from drape.geometry.surface_points import SurfacePoints
 from drape.scene.obstacle import Obstacle
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators.implicit import ImplicitSolver
+from drape.simulators.solver.implicit import ImplicitSolver
 from tests.terms import written_out
 from tests.unit.test_implicit import GRAVITY, NO_ATTRIBUTES, SILK
 

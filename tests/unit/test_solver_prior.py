@@ -9,20 +9,20 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from drape.contact.nearest_faces import NearestFaces
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
-from drape.energy.contact import SurfaceContact
 from drape.energy.phys_material import PhysMaterial
 from drape.energy.step import ObstacleStep, Step
-from drape.scene.grid import square_grid
+from drape.energy.terms.contact import SurfaceContact
+from drape.geometry.grid import square_grid
+from drape.geometry.nearest_faces import NearestFaces
 from drape.scene.material import ATTRIBUTES
-from drape.simulators.batch_solver import BatchSolver
-from drape.simulators.neural.advance import advance
+from drape.simulators.advance import advance
+from drape.simulators.kinematic.prior import KinematicPrior, Nothing
 from drape.simulators.neural.cloths import RecordedCloths
-from drape.simulators.neural.kinematic_prior import KinematicPrior, Nothing
 from drape.simulators.neural.neural import NeuralSimulator
-from drape.simulators.neural.solver_prior import SolverPrior
+from drape.simulators.solver.batch_solver import BatchSolver
+from drape.simulators.solver.solver_prior import SolverPrior
 from tests import garments
 from tests.terms import make_step
 

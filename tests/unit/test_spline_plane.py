@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from drape.energy.spline_plane import SplinePlane
+from drape.energy.law.baked.spline_plane import SplinePlane
 
 FIRST, STEP = (-4, 0), (0.5, 0.25)
 

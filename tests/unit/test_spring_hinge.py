@@ -5,15 +5,15 @@ import pytest
 import torch
 
 from drape.data.windows import Window
-from drape.energy import spring_hinge
-from drape.energy.hinge_elastic import Damping, HingeElastic
-from drape.energy.spring_hinge import COEFFICIENTS, SpringHingeLaw, balanced
+from drape.energy.law import spring_hinge
+from drape.energy.law.spring_hinge import COEFFICIENTS, SpringHingeLaw, balanced
 from drape.energy.step import Step
+from drape.energy.terms.hinge_elastic import Damping, HingeElastic
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import Material
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
 from tests.conftest import bent
 
 TRUE = torch.tensor(

@@ -13,22 +13,23 @@ from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
 from drape.energy.step import Step
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import ATTRIBUTES
-from drape.scene.mesh_batch import MeshBatch
 from drape.scene.state import State
-from drape.simulators.balance import mean_weight
+from drape.simulators.advance import advance
 from drape.simulators.ballistic import Ballistic
-from drape.simulators.energy_limit import stored, without_gain
 from drape.simulators.frozen import Frozen
-from drape.simulators.neural.advance import advance, rollout_step
+from drape.simulators.kinematic.edge_lengths import _next_weight, nearer_to_rest
+from drape.simulators.kinematic.prior import KinematicPrior, Nothing
 from drape.simulators.neural.cloths import Cloth, RecordedCloths, forced
-from drape.simulators.neural.edge_lengths import _next_weight, nearer_to_rest
 from drape.simulators.neural.graph_acceleration import _along_edges
-from drape.simulators.neural.kinematic_prior import KinematicPrior, Nothing
 from drape.simulators.neural.neural import NeuralSimulator
 from drape.simulators.neural.phys_cloths import PhysCloths
+from drape.simulators.neural.rollout_step import rollout_step
 from drape.simulators.skinned import Skinned
+from drape.simulators.solver.balance import mean_weight
+from drape.simulators.solver.energy_limit import stored, without_gain
 from tests import garments
 
 CLOTHS = RecordedCloths(dict.fromkeys(ATTRIBUTES, 1.0))

@@ -9,10 +9,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from drape.energy.elastic import ElasticEnergy
+from drape.energy.law.stretch_only import StretchOnly
 from drape.energy.step import Step
-from drape.energy.stretch_only import StretchOnly
-from drape.scene.grid import square_grid
+from drape.energy.terms.elastic import ElasticEnergy
+from drape.geometry.grid import square_grid
 from tests.terms import law, make_step
 
 ATTRIBUTES = torch.linspace(0.1, 0.9, 5, dtype=torch.float64).expand(40, -1)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from drape.contact.surface_points import SurfacePoints
-from drape.energy.point_stencils import point_stencils
-from drape.scene.grid import square_grid
-from drape.scene.mesh_batch import MeshBatch
+from drape.energy.terms.point_stencils import point_stencils
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh_batch import MeshBatch
+from drape.geometry.surface_points import SurfacePoints
 from tests.terms import assembled
 
 NUMBERS = [(0, 0), (1, 0), (2, 1), (0, 3), (3, 3)]

@@ -7,11 +7,11 @@ import time
 import pytest
 import torch
 
-from drape.contact.nearest_faces import NearestFaces
-from drape.energy.bending import Bending
-from drape.energy.stvk import StVK
-from drape.scene.grid import square_grid
-from drape.simulators.term_costs import search_seconds
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.stvk import StVK
+from drape.geometry.grid import square_grid
+from drape.geometry.nearest_faces import NearestFaces
+from drape.simulators.solver.term_costs import search_seconds
 from tests.terms import make_step
 
 

@@ -10,15 +10,15 @@ import torch
 from torch import Tensor
 
 from drape.data.windows import Window
-from drape.energy.damping import Damping
-from drape.energy.deformation import Stretch, StretchHinge
-from drape.energy.eunet import EUNet
-from drape.energy.potential_hinge import HingePotential
-from drape.energy.step_energies import StepEnergies
-from drape.energy.timing import SHARE, Timing
+from drape.energy.law.damping import Damping
+from drape.energy.law.deformation import Stretch, StretchHinge
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.potential_hinge import HingePotential
+from drape.energy.law.step_energies import StepEnergies
+from drape.energy.law.timing import SHARE, Timing
+from drape.geometry.edge_geometry import EdgeGeometry
+from drape.geometry.mesh_batch import MeshBatch
 from drape.loss.force_residual import ForceResidual
-from drape.scene.geometry import EdgeGeometry
-from drape.scene.mesh_batch import MeshBatch
 from tests.energies import make_energy, make_window
 
 SHARES = {"stretch": (0.1, 0.3), "stretch_hinge": (0.1, 0.05, 0.3, 0.2)}

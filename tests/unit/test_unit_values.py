@@ -8,19 +8,19 @@ import torch
 from torch import Tensor
 
 from drape.data.windows import Window
-from drape.energy.damping import Damping
-from drape.energy.deformation import StretchHinge
-from drape.energy.dissipation_speed import SpeedDissipation
-from drape.energy.eunet import EUNet
-from drape.energy.hinge_law import FELT, fabrics_damper
-from drape.energy.potential_hinge import HingePotential
-from drape.energy.spring_hinge import SpringHingeLaw, force_basis
-from drape.energy.step_energies import StepEnergies
-from drape.energy.timing import Timing
-from drape.energy.units import DissipationUnits
-from drape.scene.geometry import EdgeGeometry
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
+from drape.energy.law.damping import Damping
+from drape.energy.law.deformation import StretchHinge
+from drape.energy.law.dissipation_speed import SpeedDissipation
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.hinge_law import FELT, fabrics_damper
+from drape.energy.law.potential_hinge import HingePotential
+from drape.energy.law.spring_hinge import SpringHingeLaw, force_basis
+from drape.energy.law.step_energies import StepEnergies
+from drape.energy.law.timing import Timing
+from drape.energy.law.units import DissipationUnits
+from drape.geometry.edge_geometry import EdgeGeometry
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
 from tests.unit.test_metric_values import Springs
 
 DT = 0.5

@@ -13,8 +13,8 @@ from drape.energy.fabric import Fabric
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
+from drape.simulators.choice import simulator_of
 from drape.simulators.simulator import Simulator
-from drape.simulators.solver import simulator_of
 
 
 class Composed:

@@ -12,7 +12,7 @@ from torch.profiler import ProfilerActivity, profile
 
 from drape.benchmark.measured import Row
 from drape.data.windows import Window
-from drape.energy.eunet import EUNet
+from drape.energy.law.eunet import EUNet
 from drape.loss.term import LossTerm, loss_values
 from drape.training.captured_step import CapturedStep
 

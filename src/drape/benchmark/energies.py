@@ -18,7 +18,7 @@ from drape.energy.scene_step import SceneSteps
 from drape.energy.step import Step
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators.implicit import PRECISIONS
+from drape.simulators.solver.implicit import PRECISIONS
 
 WARM_UP = 2
 """Rounds that are not counted."""

@@ -22,8 +22,8 @@ from drape.errors import DrapeError
 from drape.report.fabric_cards import Compared, Pictured, draw_cards
 from drape.report.table import number
 from drape.scene.scene import Scene
-from drape.simulators.balance import mean_weight
 from drape.simulators.simulator import Simulator
+from drape.simulators.solver.balance import mean_weight
 
 LAW = "law"
 """Name of the energy of the config that cards are of."""

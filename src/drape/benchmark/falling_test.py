@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drape.benchmark.sample import GRAVITY, STEP, Sample
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 from drape.scene.scene import Scene
 from drape.scene.state import State
 

@@ -21,10 +21,10 @@ from drape.contact.penetration import Penetration
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
 from drape.data.motion import edge_strain, speeds
-from drape.energy.dissipation import Dissipation
 from drape.energy.fabric import Fabric
 from drape.energy.scene_step import SceneSteps
 from drape.energy.term import EnergyTerm
+from drape.energy.terms.dissipation import Dissipation
 from drape.errors import DrapeError
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins

@@ -13,7 +13,7 @@ from drape.benchmark.measured import Circumstances, Measured, Row
 from drape.data.blender_clock import steps_run
 from drape.data.datamodule import TrajectoryDataModule
 from drape.data.trajectories import open_trajectories
-from drape.energy.spring_hinge import SpringHingeLaw
+from drape.energy.law.spring_hinge import SpringHingeLaw
 from drape.errors import DrapeError
 from drape.scene.material import ATTRIBUTES
 
@@ -78,6 +78,6 @@ FRAMES = ("before", "now", "next")
 
 
 def backward_euler(steps: int | float) -> tuple[float, float, float]:
-    """Weights at t-1, t, t+1 of so many backward Euler steps a frame; see :class:`drape.energy.timing.Timing`."""
+    """Weights at t-1, t, t+1 of so many backward Euler steps a frame; see :class:`drape.energy.law.timing.Timing`."""
     before, after = ((steps - sign) * (steps - 2 * sign) / (6 * steps**2) for sign in (1, -1))
     return before, 1.0 - before - after, after

@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from drape.energy.fabric import Fabric
 from drape.errors import DrapeError
+from drape.geometry.mesh import ClothMesh
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
-from drape.scene.mesh import ClothMesh
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
 from drape.scene.state import State

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
 from drape.scene.material import Material
 from drape.scene.obstacle import Obstacle
 from drape.scene.scene import Scene

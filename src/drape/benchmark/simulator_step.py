@@ -17,7 +17,8 @@ from drape.benchmark.measured import Circumstances, Measured
 from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.garment_rollout import GarmentRollout
 from drape.loss.prediction import Prediction
-from drape.simulators.neural.advance import advance, rollout_step
+from drape.simulators.advance import advance
+from drape.simulators.neural.rollout_step import rollout_step
 
 WARM_UP = 3
 """Steps that are not counted."""

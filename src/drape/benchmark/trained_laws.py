@@ -22,19 +22,19 @@ from drape.data.datamodule import TrajectoryDataModule
 from drape.data.held_out import held_out
 from drape.data.observation import Observation
 from drape.data.windows import Window
-from drape.energy.baking import Resolution, bake
-from drape.energy.checkpoint import load_energy
-from drape.energy.eunet import EUNet
 from drape.energy.fabric import Fabric, of_law
 from drape.energy.incremental_potential import IncrementalPotential
-from drape.energy.load_law import load_law
-from drape.energy.spring_hinge import SpringHingeLaw
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.baked.baking import Resolution, bake
+from drape.energy.law.checkpoint import load_energy
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.load_law import load_law
+from drape.energy.law.spring_hinge import SpringHingeLaw
+from drape.energy.law.step_energies import StepEnergies
 from drape.errors import DrapeError
 from drape.report.trained_laws import draw_trained_laws
 from drape.scene.material import Material
 from drape.scene.scene import Scene
-from drape.simulators.solver import simulator_of
+from drape.simulators.choice import simulator_of
 
 CHECKPOINT = "checkpoints/last.ckpt"
 BATCH = 16

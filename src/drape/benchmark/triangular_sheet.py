@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Int
 
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 
 def triangular_sheet(length: float, width: float, cells: int) -> tuple[ClothMesh, Int[np.ndarray, " vertices"]]:

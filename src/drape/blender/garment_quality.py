@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from drape.data.motion import speeds
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 CROSSING_EVERY = 4
 """Self-intersection is looked for in every such frame: it lasts, and looking takes long."""

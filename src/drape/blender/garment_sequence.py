@@ -14,7 +14,7 @@ from drape.blender.garment_quality import Crossing, measure_quality, reason_to_r
 from drape.data.garment_copy import GarmentPart
 from drape.data.garment_writer import StoredBody, StoredGarment, StoredGarmentSequence
 from drape.errors import DrapeError
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 Simulate = Callable[..., np.ndarray]
 """``drape.blender.garment_cloth.simulate_garment``, handed in so that everything here runs without Blender."""

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from drape.blender.presets import blender_version, fabric_settings
 from drape.data.difference import flatten
 from drape.errors import DrapeError
-from drape.scene.grid import PATTERNS
+from drape.geometry.grid import PATTERNS
 
 Bounds = tuple[type, int | float, int | float]
 """Kind of a number, lowest and highest allowed value."""

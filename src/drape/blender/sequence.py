@@ -12,8 +12,8 @@ from jaxtyping import Float, Int
 from drape.blender.initial_state import random_state
 from drape.data.motion import edge_strain, external_energy_per_mass
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
-from drape.scene.mesh import ClothMesh
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
 
 Simulate = Callable[..., np.ndarray]
 """``drape.blender.cloth.simulate``, handed in so that everything here can be tested without Blender."""

@@ -1,1 +1,1 @@
-"""Proximity: cloth and bodies as surfaces, nearest faces and points, what is inside or crosses."""
+"""Contact of cloth with itself and with bodies: what meets, presses, crosses, is inside, and how it gets out."""

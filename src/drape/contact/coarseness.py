@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 from drape.scene.obstacle import Obstacle
 
 SHARE = 0.05

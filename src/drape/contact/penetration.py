@@ -9,10 +9,10 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from drape.contact.nearest_faces import NearestFaces
-from drape.contact.surface_points import SurfacePoints
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
+from drape.geometry.nearest_faces import NearestFaces
+from drape.geometry.surface_points import SurfacePoints
 from drape.scene.obstacle import Obstacle
 
 

@@ -18,8 +18,8 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from drape.contact.coarseness import Turns, curvatures
-from drape.contact.nearest_faces import Frame, NearestFaces
-from drape.contact.surface_points import SurfacePoints
+from drape.geometry.nearest_faces import Frame, NearestFaces
+from drape.geometry.surface_points import SurfacePoints
 from drape.scene.obstacle import Obstacle
 
 SHARE = 1.0

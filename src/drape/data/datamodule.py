@@ -19,8 +19,8 @@ from drape.data.statistics import training_statistics
 from drape.data.trajectories import open_trajectories
 from drape.data.windows import Window
 from drape.errors import DrapeError
+from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import attribute_vector
-from drape.scene.mesh_batch import MeshBatch
 
 
 class TrajectoryDataModule(lightning.LightningDataModule):

@@ -15,9 +15,9 @@ from drape.data.garment_scene import START
 from drape.data.loader import WindowLoader, share_of
 from drape.data.sequence_loader import SequenceLoader
 from drape.errors import DrapeError
+from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.mass import vertex_areas
 from drape.scene.material import Material
-from drape.scene.mesh_batch import MeshBatch
 
 STARTS = ("recorded", "carried")
 SAMPLES = 256

@@ -13,8 +13,8 @@ from torch import Tensor
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.windows import Window
 from drape.errors import DrapeError
+from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import attribute_vector
-from drape.scene.mesh_batch import MeshBatch
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from drape.data.garment_sequence import GarmentSequence, GarmentWindow
 from drape.data.hdf5 import open_hdf5
 from drape.data.schema import plain
 from drape.errors import DrapeError
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 from drape.stored import reading, sound
 
 __all__ = ["GarmentFile", "GarmentSequence", "GarmentWindow"]

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from drape.scene.mesh_batch import MeshBatch
+from drape.geometry.mesh_batch import MeshBatch
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from drape.data.blender_clock import gravity_factor
 from drape.errors import DrapeError
 from drape.figure.skinning import pose_vertices
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 if TYPE_CHECKING:
     from drape.data.garment_hdf5 import GarmentFile

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from drape.data import schema
 from drape.data.piece import Piece
 from drape.errors import DrapeError
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 from drape.stored import check_hdf5, reading
 
 

@@ -17,7 +17,7 @@ from drape.data import schema
 from drape.data.hdf5 import TrajectoryFile
 from drape.data.whole_file import flush, reserve, whole_file
 from drape.errors import DrapeError
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 
 def speeds(positions: Float[np.ndarray, "frames vertices 3"], dt: float) -> Float[np.ndarray, "frames-1 vertices"]:

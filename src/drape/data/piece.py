@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from drape.data.hdf5 import open_hdf5
 from drape.data.piece import Piece
 from drape.data.schema import SPLITS, plain
 from drape.errors import DrapeError
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 from drape.stored import reading
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from drape.scene.geometry import EdgeGeometry
+from drape.geometry.edge_geometry import EdgeGeometry
 
 if TYPE_CHECKING:
     from drape.data.datamodule import TrajectoryDataModule

@@ -10,19 +10,19 @@ from jaxtyping import Float
 from torch import Tensor
 
 from drape.data.datamodule import TrajectoryDataModule
-from drape.energy.bending import Bending
-from drape.energy.deformation import Deformation, Stretch
-from drape.energy.dissipation import Dissipation
-from drape.energy.edge_law import EdgeLaw
-from drape.energy.elastic import ElasticEnergy
-from drape.energy.hinge_elastic import Damping, HingeElastic
-from drape.energy.hinge_law import HingeLaw, WithoutHinges
-from drape.energy.load_law import load_baked, load_law
-from drape.energy.scaled_law import at_density
-from drape.energy.spring_hinge import SpringHingeLaw
-from drape.energy.stretch_only import StretchOnly
-from drape.energy.stvk import StVK
+from drape.energy.law.deformation import Deformation, Stretch
+from drape.energy.law.edge_law import EdgeLaw
+from drape.energy.law.hinge_law import HingeLaw, WithoutHinges
+from drape.energy.law.load_law import load_baked, load_law
+from drape.energy.law.scaled_law import at_density
+from drape.energy.law.spring_hinge import SpringHingeLaw
+from drape.energy.law.stretch_only import StretchOnly
 from drape.energy.term import EnergyTerm
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.dissipation import Dissipation
+from drape.energy.terms.elastic import ElasticEnergy
+from drape.energy.terms.hinge_elastic import Damping, HingeElastic
+from drape.energy.terms.stvk import StVK
 from drape.scene.material import ATTRIBUTES, Material
 
 

@@ -11,15 +11,15 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from drape.contact.nearest_faces import NearestFaces
-from drape.contact.nearest_points import APART
 from drape.data.garment_frames import GarmentFrames
-from drape.energy.bending import Bending
 from drape.energy.phys_material import THICKNESS
 from drape.energy.step import ObstacleStep, Step
-from drape.energy.stvk import StVK
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.stvk import StVK
 from drape.errors import DrapeError
-from drape.scene.mesh_batch import MeshBatch
+from drape.geometry.mesh_batch import MeshBatch
+from drape.geometry.nearest_faces import NearestFaces
+from drape.geometry.nearest_points import APART
 
 CLEARANCE = 0.02
 """Vertices closer than this to the body or to another part of the cloth may feel contact, which is not modelled [m]."""

@@ -11,15 +11,15 @@ from jaxtyping import Float
 from scipy import sparse
 from torch import Tensor, nn
 
-from drape.energy.contact import Contact, SurfaceContact
-from drape.energy.external import ExternalForce
-from drape.energy.friction import Friction
-from drape.energy.gravity import Gravity
-from drape.energy.hessian import StencilSum
-from drape.energy.inertia import Inertia
-from drape.energy.ipc import Barrier
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, array
+from drape.energy.terms.contact import Contact, SurfaceContact
+from drape.energy.terms.external import ExternalForce
+from drape.energy.terms.friction import Friction
+from drape.energy.terms.gravity import Gravity
+from drape.energy.terms.inertia import Inertia
+from drape.energy.terms.ipc import Barrier
+from drape.linalg.stencil_sum import StencilSum
 from drape.scene.scene import Scene
 
 

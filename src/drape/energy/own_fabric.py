@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from drape.data.trajectories import open_trajectories
-from drape.energy.baked_file import read_baked
+from drape.energy.law.baked.file import read_baked
 from drape.errors import DrapeError
 from drape.scene.material import Material
 

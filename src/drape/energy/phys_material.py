@@ -9,9 +9,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.energy.bending import Bending
-from drape.energy.stvk import StVK
 from drape.energy.term import EnergyTerm
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.stvk import StVK
 
 THICKNESS = 4.7e-4
 """Thickness of the cloth [m], the same for all materials (docs/sources.md, HOOD)."""

@@ -9,11 +9,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.contact.nearest_faces import NearestFaces
-from drape.contact.surface_points import SurfacePoints
-from drape.energy.contact import Contact
 from drape.energy.step import ObstacleStep, Step
-from drape.scene.mesh_batch import MeshBatch
+from drape.energy.terms.contact import Contact
+from drape.geometry.mesh_batch import MeshBatch
+from drape.geometry.nearest_faces import NearestFaces
+from drape.geometry.surface_points import SurfacePoints
 from drape.scene.scene import Scene
 from drape.scene.state import State
 

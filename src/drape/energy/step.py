@@ -10,11 +10,11 @@ from typing import TypeVar
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from drape.contact.nearest_faces import NearestFaces
-from drape.contact.surface_points import SurfacePoints
 from drape.errors import DrapeError
-from drape.scene.geometry import EdgeGeometry
-from drape.scene.mesh_batch import MeshBatch
+from drape.geometry.edge_geometry import EdgeGeometry
+from drape.geometry.mesh_batch import MeshBatch
+from drape.geometry.nearest_faces import NearestFaces
+from drape.geometry.surface_points import SurfacePoints
 
 Kept = TypeVar("Kept")
 

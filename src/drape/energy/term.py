@@ -12,8 +12,8 @@ from jaxtyping import Float, Int
 from scipy import sparse
 from torch import Tensor, nn
 
-from drape.energy.hessian import Filled, StencilSum
 from drape.energy.step import Step
+from drape.linalg.stencil_sum import Filled, StencilSum
 
 Kernel = Callable[[Float[np.ndarray, "vertices 3"]], tuple[float, Float[np.ndarray, "vertices 3"]]]
 """Energy of all cloths together [J] and its gradient [N] at positions in double precision."""

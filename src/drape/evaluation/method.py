@@ -18,10 +18,10 @@ from drape.energy.incremental_potential import IncrementalPotential
 from drape.errors import DrapeError
 from drape.scene.material import Material
 from drape.scene.scene import Scene
+from drape.simulators.choice import asks_for, chosen_budget
 from drape.simulators.device import check_device
 from drape.simulators.neural.checkpoint import load_simulator
 from drape.simulators.simulator import Simulator
-from drape.simulators.solver import asks_for, chosen_budget
 
 OF_ENERGIES = ("energy", "contact")
 """Groups that mean something only where energies are minimised."""

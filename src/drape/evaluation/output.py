@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from drape.energy.checkpoint import versions
+from drape.energy.law.checkpoint import versions
 from drape.evaluation.board import write_board
 from drape.evaluation.method import Method
 from drape.evaluation.scored_sequence import OF_SEQUENCE, ScoredSequence, write_rows

@@ -10,10 +10,10 @@ from drape.errors import DrapeError
 from drape.figure.anny_model import check_anny
 from drape.figure.measures import is_person, shape_of
 from drape.garment.style import KINDS
+from drape.geometry.mesh import ClothMesh
 from drape.scene.frozen_array import frozen_floats
 from drape.scene.mass import mass_rule, vertex_masses
 from drape.scene.material import Material
-from drape.scene.mesh import ClothMesh
 from drape.scene.scene import Scene, frame_time
 from drape.scene.state import State
 

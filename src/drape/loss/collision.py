@@ -11,8 +11,8 @@ class Collision(PredictionLoss):
     """Mean of ``(max(thickness - d, 0) / thickness)²`` over the vertices with d below ``thickness`` (LayersNet's loss).
 
     d is the signed distance at t + dt from the plane of the face of the body that was nearest at t, as in
-    :class:`drape.energy.contact.PaperContact`; LayersNet takes the nearest vertex (docs/sources.md, LayersNet). 0 where
-    none is near.
+    :class:`drape.energy.terms.contact.PaperContact`; LayersNet takes the nearest vertex (docs/sources.md, LayersNet).
+    0 where none is near.
 
     Args:
         weight: of the term.

@@ -9,10 +9,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from drape.data.windows import Window
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.step_energies import StepEnergies
+from drape.geometry.edge_geometry import EdgeGeometry
 from drape.loss.disturbance import ROUNDS, affected_edges, causes, chosen_vertices, disturbed_vertices
 from drape.loss.term import LossTerm
-from drape.scene.geometry import EdgeGeometry
 
 
 class Contrastive(LossTerm):

@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Bool, Int
 from torch import Tensor
 
-from drape.scene.mesh_batch import MeshBatch
+from drape.geometry.mesh_batch import MeshBatch
 
 HOPS_APART = 4
 """Disturbed vertices are at least this far apart, so that every edge energy is changed by one of them at most."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.step_energies import StepEnergies
 from drape.loss.term import LossTerm
 
 

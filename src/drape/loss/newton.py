@@ -10,14 +10,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.energy.contact import Contact
-from drape.energy.hessian import StencilSum
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm
+from drape.energy.terms.contact import Contact
+from drape.geometry.mesh_batch import MeshBatch
+from drape.linalg.factorisation import Factorisation
+from drape.linalg.stencil_sum import StencilSum
 from drape.loss.potential import Potential, differentiable
 from drape.loss.prediction import Prediction
-from drape.scene.mesh_batch import MeshBatch
-from drape.simulators.factorisation import Factorisation
 
 
 class Newton(Potential):

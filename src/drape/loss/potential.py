@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.energy.contact import Contact
-from drape.energy.external import ExternalForce
-from drape.energy.friction import Friction
-from drape.energy.gravity import Gravity
-from drape.energy.inertia import Inertia
 from drape.energy.term import EnergyTerm
+from drape.energy.terms.contact import Contact
+from drape.energy.terms.external import ExternalForce
+from drape.energy.terms.friction import Friction
+from drape.energy.terms.gravity import Gravity
+from drape.energy.terms.inertia import Inertia
 from drape.errors import DrapeError
 from drape.loss.prediction import Prediction, PredictionLoss
 

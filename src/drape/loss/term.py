@@ -9,8 +9,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from drape.data.windows import Window
-from drape.energy.eunet import EUNet
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.step_energies import StepEnergies
 
 
 class LossTerm(nn.Module, ABC):

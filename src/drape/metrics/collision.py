@@ -33,7 +33,7 @@ def behind_nearest_vertex(
     """The paper's collisions: ``(x - b)·n < 0`` and ``|x - b| ≤ reach`` for the nearest vertex b of the body, normal n.
 
     Positions of garment and body are those of the same time. A vertex outside of a body with few faces may count, as
-    may one near a narrow fold of it: :func:`drape.contact.penetration.depth_inside` is exact.
+    may one near a narrow fold of it: :func:`drape.contact.penetration.Penetration` is exact.
     """
     distance, nearest = cKDTree(body).query(x)
     height = np.einsum("vi,vi->v", x - body[nearest], vertex_normals(body, faces)[nearest])

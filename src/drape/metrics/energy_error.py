@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import torch
 
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.step_energies import StepEnergies
 from drape.metrics.fabric_metric import FabricMetric
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from torchmetrics import Metric
 
 from drape.data.windows import Window
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.step_energies import StepEnergies
 from drape.errors import DrapeError
 
 OVERALL = "overall"

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from torchmetrics import MetricCollection
 
-from drape.energy.spring_hinge import SpringHingeLaw
+from drape.energy.law.spring_hinge import SpringHingeLaw
 from drape.metrics.contrastive import ContrastiveViolations, VertexInequalities
 from drape.metrics.energy_error import EnergyError
 from drape.metrics.force import ForceResidual, InertialForce, SpringHingeResidual

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.energy.spring_hinge import SpringHingeLaw
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.spring_hinge import SpringHingeLaw
+from drape.energy.law.step_energies import StepEnergies
 from drape.metrics.fabric_metric import FabricMetric
 
 

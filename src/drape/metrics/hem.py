@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 
 def hem_corners(mesh: ClothMesh) -> Int[np.ndarray, "corners 3"]:

@@ -11,9 +11,9 @@ import torch
 from jaxtyping import Float
 
 from drape.data.animation_hdf5 import AnimationFile
-from drape.energy.dissipation import Dissipation
 from drape.energy.fabric import Fabric
 from drape.energy.scene_step import SceneSteps
+from drape.energy.terms.dissipation import Dissipation
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
 from drape.scene.state import State

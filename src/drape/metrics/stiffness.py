@@ -8,10 +8,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.step_energies import StepEnergies
 from drape.errors import DrapeError
+from drape.geometry.edge_geometry import EdgeGeometry
 from drape.metrics.fabric_metric import FabricMetric
-from drape.scene.geometry import EdgeGeometry
 
 BINS_PER_DECADE = 20
 SMALLEST, DECADES = 1e-8, 9

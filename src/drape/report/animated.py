@@ -13,17 +13,17 @@ from jaxtyping import Float
 from drape.contact.penetration import distances
 from drape.data.animation_hdf5 import AnimationFile
 from drape.energy.incremental_potential import IncrementalPotential
-from drape.energy.ipc import Barrier
 from drape.energy.step import Step
+from drape.energy.terms.ipc import Barrier
 from drape.metrics.position import distance_travelled, vertex_distance
 from drape.report.crossed import crossed, untangled
 from drape.report.frame_numbers import spans
 from drape.report.table import Table
 from drape.scene.scene import Scene
-from drape.simulators.balance import HANGING, mean_weight
 from drape.simulators.rollout import first_frame
 from drape.simulators.simulator import Outcome
-from drape.simulators.term_costs import search_seconds, term_costs
+from drape.simulators.solver.balance import HANGING, mean_weight
+from drape.simulators.solver.term_costs import search_seconds, term_costs
 
 
 def explained(potential: IncrementalPotential, step: Step) -> Table:

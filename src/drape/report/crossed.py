@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from drape.contact.crossings import Crossings
 from drape.data.animation_hdf5 import AnimationFile
-from drape.energy.ipc import Barrier
+from drape.energy.terms.ipc import Barrier
 from drape.report.frame_numbers import spans
 from drape.scene.scene import Scene
 

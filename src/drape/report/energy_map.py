@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from drape.energy.deformation import StretchHinge
-from drape.energy.units import PotentialUnits
+from drape.energy.law.deformation import StretchHinge
+from drape.energy.law.units import PotentialUnits
 
 STRETCH = 5e-3
 """Δl of the map is -5…5 mm [m] (paper, figure 4)."""

@@ -17,7 +17,7 @@ from drape.errors import DrapeError
 from drape.metrics.evaluation_record import EvaluationRecord
 from drape.metrics.fabric_metric import OVERALL
 from drape.report.runs import Spread, seed_of
-from drape.simulators.solver import chosen_budget
+from drape.simulators.choice import chosen_budget
 
 FLOOR = "noise floor (twin)"
 TWIN = "drape.simulators.twin.Twin"

@@ -10,7 +10,7 @@ import torch
 
 from drape.data.trajectories import open_trajectories
 from drape.data.whole_file import whole_file
-from drape.energy.baked_file import read_baked
+from drape.energy.law.baked.file import read_baked
 
 NAMES = {"eunet_baked": "learned law", "spring_hinge": "fitted spring-hinge law"}
 

@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 from torch import Tensor
 
 from drape.data.trajectories import open_trajectories
-from drape.energy.checkpoint import load_energy
+from drape.energy.law.checkpoint import load_energy
 from drape.report.energy_map import EnergyOf, energy_of
 from drape.report.runs import Configuration
 from drape.report.tables import label

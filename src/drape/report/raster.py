@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from drape.compiled import compiled
 from drape.scene.camera import Camera
-from drape.scene.compiled import compiled
 
 BACKGROUND = 0.97
 LIGHT = np.array([-0.45, 0.60, 0.66])

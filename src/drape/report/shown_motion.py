@@ -8,7 +8,7 @@ import torch
 from drape.data.datamodule import TrajectoryDataModule
 from drape.data.recorded.shown_gravity import shown_gravity
 from drape.data.recording_hdf5 import RecordingFile
-from drape.energy.spring_hinge import SpringHingeLaw
+from drape.energy.law.spring_hinge import SpringHingeLaw
 from drape.scene.material import ATTRIBUTES
 
 WINDOWS = 300

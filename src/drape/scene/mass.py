@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from drape.errors import DrapeError
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 RULES = ("per_vertex", "areal_density")
 

@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from drape.errors import DrapeError
+from drape.geometry.mesh import ClothMesh
 from drape.reading.files import read_file
 from drape.reading.mesh_record import MeshFile, ReadMesh
 from drape.reading.polygons import triangulated
 from drape.reading.triangles import made, to_metres
-from drape.scene.mesh import ClothMesh
 from drape.scene.proportions import check_cloth_size
 from drape.stored import reading
 

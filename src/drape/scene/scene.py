@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from drape.errors import DrapeError
+from drape.geometry.mesh import ClothMesh
 from drape.reading.mesh_record import FileForm
 from drape.scene.frozen_array import frozen_floats
 from drape.scene.material import Material
-from drape.scene.mesh import ClothMesh
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
 from drape.scene.state import State

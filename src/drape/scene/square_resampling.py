@@ -9,8 +9,8 @@ from jaxtyping import Float
 from scipy.interpolate import make_interp_spline
 
 from drape.errors import DrapeError
-from drape.scene.grid import PATTERNS, square_grid
-from drape.scene.mesh import ClothMesh
+from drape.geometry.grid import PATTERNS, square_grid
+from drape.geometry.mesh import ClothMesh
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
 from drape.scene.state import State

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from drape.energy.contact import Contact
 from drape.energy.fabric import Fabric
 from drape.energy.incremental_potential import IncrementalPotential
+from drape.energy.terms.contact import Contact
 from drape.scene.scene import Scene
-from drape.simulators.implicit import ImplicitSolver
 from drape.simulators.rollout import first_frame
+from drape.simulators.solver.implicit import ImplicitSolver
 
 
 def animate(

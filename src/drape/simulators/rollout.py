@@ -12,7 +12,7 @@ from tqdm import tqdm
 from drape.contact.penetration import Penetration, push_out
 from drape.contact.untangle import untangle
 from drape.data.animation_writer import AnimationWriter
-from drape.energy.ipc import Barrier
+from drape.energy.terms.ipc import Barrier
 from drape.errors import DrapeError
 from drape.scene.obstacle import Obstacle
 from drape.scene.scene import Scene

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol, runtime_checkable
 
-from drape.energy.ipc import Barrier
+from drape.energy.terms.ipc import Barrier
 from drape.scene.state import State
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from lightning.pytorch.utilities.rank_zero import rank_zero_only
 
 from drape.data.folder_lock import locked
-from drape.energy.checkpoint import read_checkpoint
+from drape.energy.law.checkpoint import read_checkpoint
 from drape.errors import DrapeError
 
 LOCK = "training.lock"

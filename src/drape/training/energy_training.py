@@ -13,10 +13,10 @@ from torchmetrics import MetricCollection
 
 from drape.data.datamodule import TrajectoryDataModule
 from drape.data.windows import Window
-from drape.energy.checkpoint import describe, versions
-from drape.energy.eunet import EUNet
-from drape.energy.spring_hinge import SpringHingeLaw
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.checkpoint import describe, versions
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.spring_hinge import SpringHingeLaw
+from drape.energy.law.step_energies import StepEnergies
 from drape.errors import DrapeError
 from drape.loss.contrastive import Contrastive
 from drape.loss.term import LossTerm, loss_values

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader
 
-from drape.energy.checkpoint import FORMAT, versions
 from drape.energy.force_balance import material_ratios
+from drape.energy.law.checkpoint import FORMAT, versions
 from drape.energy.phys_material import PhysMaterial, material_numbers
 from drape.metrics import material_record
 from drape.nets.material_net import MaterialNet

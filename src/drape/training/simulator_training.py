@@ -16,15 +16,16 @@ from drape.contact.penetration import Body, cleared
 from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.garment_rollout import GarmentRollout
 from drape.data.sequence_loader import Watched
-from drape.energy.checkpoint import versions
+from drape.energy.law.checkpoint import versions
 from drape.errors import DrapeError
 from drape.loss.potential import Potential
 from drape.loss.prediction import Prediction, PredictionLoss
 from drape.metrics import simulator_record
 from drape.metrics.rollout_scores import ScoredRollout, rollout_scores
-from drape.simulators.neural.advance import advance, rollout_step
+from drape.simulators.advance import advance
 from drape.simulators.neural.checkpoint import describe_simulator
 from drape.simulators.neural.cloths import Cloths
+from drape.simulators.neural.rollout_step import rollout_step
 from drape.training.curriculum import Curriculum
 from drape.training.schedule import Schedule
 

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from drape.data.windows import Window
-from drape.energy.eunet import EUNet
-from drape.energy.step_energies import StepEnergies
+from drape.energy.law.eunet import EUNet
+from drape.energy.law.step_energies import StepEnergies
 from drape.loss.term import LossTerm
 
 WARM_UP = 3

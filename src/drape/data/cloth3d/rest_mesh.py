@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 from drape.scene.mesh_file import read_triangles
 
 

@@ -15,7 +15,7 @@ from drape.data.cloth3d.rest_mesh import read_rest_mesh
 from drape.data.garment_copy import GarmentPart
 from drape.data.garment_writer import StoredBody, StoredGarment, StoredGarmentSequence
 from drape.errors import DrapeError
-from drape.scene.mesh import ClothMesh
+from drape.geometry.mesh import ClothMesh
 
 KINDS = {"Tshirt": "tshirt", "Top": "top", "Jumpsuit": "jumpsuit", "Dress": "dress"}
 """CLOTH3D's names of the four garments of the paper, and ours. A sequence has exactly one of them."""

@@ -10,9 +10,9 @@ from jaxtyping import Float, Int
 
 from drape.data.recorded.sequence import Recording
 from drape.errors import DrapeError
+from drape.geometry.mesh import ClothMesh
 from drape.scene.frozen_array import frozen_indices
 from drape.scene.mass import RULES, vertex_areas, vertex_masses
-from drape.scene.mesh import ClothMesh
 from drape.scene.proportions import size
 
 STILL = "still"

@@ -11,9 +11,9 @@ from jaxtyping import Float
 from drape.data.motion import edge_strain
 from drape.data.recorded.sequence import Recording
 from drape.errors import DrapeError
+from drape.geometry.mesh import ClothMesh
 from drape.reading.files import MESHES, read_file
 from drape.reading.triangles import made
-from drape.scene.mesh import ClothMesh
 from drape.scene.proportions import check_cloth_size
 
 STRAINED = 0.2

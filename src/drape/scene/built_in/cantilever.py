@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drape.errors import DrapeError
+from drape.geometry.grid import rectangular_grid
 from drape.scene.frozen_array import frozen_floats, frozen_indices
-from drape.scene.grid import rectangular_grid
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
 from drape.scene.pins import Pins

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from drape.scene.disc import disc
+from drape.geometry.disc import disc
 from drape.scene.frozen_array import frozen_floats
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material

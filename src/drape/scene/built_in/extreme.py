@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from drape.errors import DrapeError
-from drape.scene.grid import square_grid
+from drape.geometry.grid import square_grid
+from drape.geometry.mesh import ClothMesh
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
-from drape.scene.mesh import ClothMesh
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene, frame_time
 from drape.scene.state import State

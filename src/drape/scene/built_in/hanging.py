@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from drape.geometry.grid import square_grid
 from drape.scene.frozen_array import frozen_floats
-from drape.scene.grid import square_grid
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
 from drape.scene.pins import Pins

@@ -9,8 +9,8 @@ import numpy as np
 import trimesh
 
 from drape.errors import DrapeError
+from drape.geometry.grid import square_grid
 from drape.scene.frozen_array import frozen_floats
-from drape.scene.grid import square_grid
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
 from drape.scene.obstacle import Obstacle

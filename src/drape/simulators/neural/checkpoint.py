@@ -15,12 +15,12 @@ from torch import Tensor, nn
 from drape import __version__
 from drape.config import build_from_file
 from drape.config.resolvers import SHIPPED
-from drape.energy.checkpoint import FORMAT, TOLERANCE, read_checkpoint, versions
+from drape.energy.law.checkpoint import FORMAT, TOLERANCE, read_checkpoint, versions
 from drape.energy.step import ObstacleStep, Step
 from drape.errors import DrapeError
+from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import Material
-from drape.scene.mesh import ClothMesh
-from drape.scene.mesh_batch import MeshBatch
 from drape.scene.scene import Scene
 from drape.simulators.neural.cloths import Cloths
 from drape.simulators.neural.neural import NeuralSimulator

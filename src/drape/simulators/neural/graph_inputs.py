@@ -12,9 +12,9 @@ from torch.nn.functional import one_hot
 
 from drape.energy.step import Step
 from drape.errors import DrapeError
+from drape.geometry.edge_geometry import TINY, safe_norm
 from drape.nets.mesh_graph_net import EdgeSet
-from drape.scene.geometry import TINY, safe_norm
-from drape.simulators.neural.body_points import BodyPoints
+from drape.simulators.kinematic.body_points import BodyPoints
 from drape.simulators.neural.heading import Heading
 
 STANDARD_GRAVITY = 9.81

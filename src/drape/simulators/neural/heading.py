@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from drape.scene.mesh_batch import MeshBatch
+from drape.geometry.mesh_batch import MeshBatch
 
 
 class Heading:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from drape.scene.material import ATTRIBUTES
 from drape.scene.scene import Scene
+from drape.simulators.kinematic.prior import KinematicPrior, Nothing
 from drape.simulators.neural.cloths import RecordedCloths
-from drape.simulators.neural.kinematic_prior import KinematicPrior, Nothing
 from drape.simulators.neural.neural import NeuralSimulator
 
 

@@ -9,13 +9,13 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from drape.contact.nearest_points import NearestPoints
 from drape.energy.step import Step
 from drape.errors import DrapeError
+from drape.geometry.edge_geometry import TINY, safe_norm
+from drape.geometry.mesh_batch import MeshBatch
+from drape.geometry.nearest_points import NearestPoints
+from drape.geometry.patches import Patches
 from drape.nets.interaction import Interactions
-from drape.scene.geometry import TINY, safe_norm
-from drape.scene.mesh_batch import MeshBatch
-from drape.scene.patches import Patches
 from drape.simulators.neural.heading import Heading
 
 

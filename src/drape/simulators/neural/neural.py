@@ -13,8 +13,8 @@ from drape.energy.step import Step
 from drape.scene.mass import vertex_masses
 from drape.scene.scene import Scene
 from drape.scene.state import State
+from drape.simulators.advance import advance
 from drape.simulators.device import check_device
-from drape.simulators.neural.advance import advance
 from drape.simulators.neural.cloths import Cloths
 from drape.simulators.simulator import Outcome, StepResult
 

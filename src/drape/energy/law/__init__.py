@@ -1,0 +1,1 @@
+"""Constitutive laws of fabrics: what edges feel, units and networks of it, and the checkpoints that hold them."""

@@ -1,0 +1,1 @@
+"""Laws as tables of splines with a certified error."""

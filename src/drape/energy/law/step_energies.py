@@ -1,0 +1,113 @@
+"""Energies and forces of a learned energy over one window, each computed once and when asked for."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from drape.data.windows import Window
+from drape.energy.law.eunet import EdgeEnergies, EUNet
+from drape.energy.law.pullback import pullback
+from drape.geometry.edge_geometry import EdgeGeometry
+
+
+class StepEnergies:
+    """Energies and forces of ``energy`` for the step x → x_next of ``window``.
+
+    ``training``: keep the graph to the parameters of the forces as well (energies always have theirs).
+    """
+
+    def __init__(self, energy: EUNet, window: Window, *, training: bool):
+        self.energy = energy
+        self.window = window
+        self.training = training
+
+    @cached_property
+    def attributes(self) -> Float[Tensor, "edges attributes"]:
+        return self.window.edge_attributes
+
+    @cached_property
+    def current(self) -> EdgeGeometry:
+        """Geometry at t."""
+        return EdgeGeometry(self.window.x, self.window.mesh)
+
+    @cached_property
+    def _x(self) -> Float[Tensor, "frames vertices 3"]:
+        """Where forces act, t+1 last; t+1 alone, unless the energy knows at which frames they do."""
+        window = self.window
+        frames = [window.x_next] if self.energy.timing is None else [window.x_prev, window.x, window.x_next]
+        return torch.stack(frames).detach().requires_grad_()
+
+    @cached_property
+    def _inputs(self) -> dict[str, Tensor]:
+        """What the units see: potential ones at all frames, ``frames edges inputs``, dissipation ones at t+1."""
+        with torch.enable_grad():
+            inputs = {"potential": self.energy.potential.inputs(EdgeGeometry(self._x, self.window.mesh))}
+            if self.energy.dissipates:
+                after = EdgeGeometry(self._x[-1], self.window.mesh)
+                inputs["dissipation"] = self.energy.units["dissipation"].inputs(after, self.current, self.window.dt)
+        return inputs
+
+    @cached_property
+    def _leaves(self) -> dict[str, Tensor]:
+        return {name: value.detach().requires_grad_() for name, value in self._inputs.items()}
+
+    @cached_property
+    def _potentials(self) -> Float[Tensor, "frames edges"]:
+        """φp of each edge at all frames [J]."""
+        with torch.enable_grad():
+            inputs = self._leaves["potential"]
+            attributes = self.attributes.repeat(len(inputs), 1)
+            return self.energy.potential.energies(inputs.flatten(0, 1), attributes).unflatten(0, (len(inputs), -1))
+
+    @cached_property
+    def _dissipated(self) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
+        """φd of each edge, and the energy that it loses [J]."""
+        with torch.enable_grad():
+            return self.energy.units["dissipation"].energies(self._leaves["dissipation"], self.attributes)
+
+    @cached_property
+    def next(self) -> EdgeEnergies:
+        """Energies of each edge for the step to t+1 [J]."""
+        potential = self._potentials[-1]
+        if not self.energy.dissipates:
+            return EdgeEnergies(potential, potential)
+        dissipation, lost = self._dissipated
+        return EdgeEnergies(potential + dissipation, potential + lost)
+
+    @cached_property
+    def potential(self) -> Float[Tensor, " edges"]:
+        """φp of each edge at t [J]."""
+        if self.energy.timing is not None:
+            return self._potentials[1]
+        units = self.energy.potential
+        return units.energies(units.inputs(self.current), self.attributes)
+
+    @cached_property
+    def change(self) -> Float[Tensor, " meshes"]:
+        """ΔV_Φ = Φp(t+1) + lost - Φp(t) of each mesh [J] (paper, eq. 7), differenced edge by edge."""
+        return self.window.mesh.sum_edges(self.next.balance - self.potential)
+
+    @cached_property
+    def gradient(self) -> Float[Tensor, "vertices 3"]:
+        """∂Φ/∂x [N], minus the internal and damping force on each vertex: that at t+1, or, of an energy that knows at
+        which frames forces act, the mean of those at t-1, t and t+1 with these weights.
+        """
+        timing = self.energy.timing
+        with torch.enable_grad():
+            total = self._potentials.sum() + (self._dissipated[0].sum() if self.energy.dissipates else 0.0)
+            leaves = list(self._leaves.values())
+            slopes = list(torch.autograd.grad(total, leaves, create_graph=self.training, retain_graph=True))
+            if timing is not None:
+                weights = timing(self.attributes)
+                slopes[0] = slopes[0] * (weights if self.training else weights.detach())
+            return pullback(list(self._inputs.values()), self._x, slopes).sum(0)
+
+    @cached_property
+    def force_residual(self) -> Float[Tensor, "vertices 3"]:
+        """``m a - m g + ∂Φ/∂x`` at t+1 [N]: zero where the energy explains the motion (paper, eq. 9); 0 at pins."""
+        residual = self.window.inertial_force + self.gradient
+        return residual * self.window.free[:, None]

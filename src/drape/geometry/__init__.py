@@ -1,0 +1,1 @@
+"""Meshes and their shape: edges, faces, hinges, patches, and what is nearest to what."""

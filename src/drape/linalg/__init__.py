@@ -1,0 +1,1 @@
+"""Sparse matrices of meshes: sums of stencils into fixed patterns, and their factors."""

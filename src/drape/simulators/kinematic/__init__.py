@@ -1,0 +1,1 @@
+"""Kinematic prior: cloth goes with its body and hardly stretches."""

@@ -1,0 +1,1 @@
+"""Implicit Euler steps: minimisation of an incremental potential."""

@@ -1,0 +1,80 @@
+"""Implicit Euler steps of garments in a batch, without a scene: a prior for networks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from weakref import WeakKeyDictionary
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd.function import FunctionCtx
+
+from drape.energy.incremental_potential import IncrementalPotential
+from drape.energy.step import Step
+from drape.energy.terms.contact import Contact
+from drape.energy.terms.external import ExternalForce
+from drape.energy.terms.friction import Friction
+from drape.energy.terms.gravity import Gravity
+from drape.energy.terms.inertia import Inertia
+from drape.geometry.mesh_batch import MeshBatch
+from drape.simulators.advance import advance
+from drape.simulators.kinematic.prior import KinematicPrior, Nothing
+from drape.simulators.solver.minimise import Minimiser
+
+
+class BatchSolver:
+    """Minimises inertia, gravity, the fabric of a :class:`Step`, contact and friction, from where the body carries it.
+
+    Args:
+        contact: of cloth and body.
+        friction: coefficient μ; 0 leaves the term out.
+        share, rounds: of the :class:`KinematicPrior` at which a step starts.
+    """
+
+    def __init__(self, contact: Contact, friction: float, share: float, rounds: int):
+        self.contact, self.friction = contact, friction
+        self._start = KinematicPrior(Nothing(), share, rounds, contact.reach)
+        self._kept: WeakKeyDictionary[MeshBatch, tuple[object, Minimiser]] = WeakKeyDictionary()
+
+    @torch.no_grad()
+    def end(self, step: Step, evaluations: int) -> Float[Tensor, "vertices 3"]:
+        """Where ``step``, with its ``touching``, ends [m] after at most so many evaluations of the potential."""
+        minimiser = self._minimiser(step)
+        minimiser.begin()
+        return minimiser.minimise([advance(self._start, step)], step, 0.0, evaluations)[0]
+
+    def response(self, force: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, "vertices 3"]:
+        """How far a force [N] besides all others would move the cloth of ``step``, whose :meth:`end` was last asked
+        for, to first order [m]; differentiable in the force.
+        """
+        return _Response.apply(force, self._minimiser(step))
+
+    def touching(self, step: Step) -> Step:
+        """``step`` with the points of the cloth that the contact asks about, unless it has some."""
+        if step.touching is not None or step.obstacle is None:
+            return step
+        return replace(step, touching=self.contact.surface(step.mesh))
+
+    def _minimiser(self, step: Step) -> Minimiser:
+        key = tuple(map(id, step.fabric)), step.external_force is None, step.obstacle is None
+        kept = self._kept.get(step.mesh)
+        if kept is None or kept[0] != key:
+            terms = [Inertia(), Gravity(), *([] if step.external_force is None else [ExternalForce()]), *step.fabric]
+            if step.obstacle is not None:
+                terms += [self.contact, *([Friction(self.friction, self.contact)] if self.friction else [])]
+            kept = self._kept[step.mesh] = key, Minimiser(IncrementalPotential(terms), step.free)
+        return kept[1]
+
+
+class _Response(torch.autograd.Function):
+    """``H⁻¹ f`` by the factors of a minimiser; H is symmetric, so is its derivative."""
+
+    @staticmethod
+    def forward(ctx: FunctionCtx, force: Tensor, minimiser: Minimiser) -> Tensor:
+        ctx.minimiser = minimiser
+        return minimiser.response(force)
+
+    @staticmethod
+    def backward(ctx: FunctionCtx, slope: Tensor) -> tuple[Tensor, None]:
+        return ctx.minimiser.response(slope), None
