@@ -8,7 +8,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from drape import config as conf
-from drape.metrics.evaluation_record import EvaluationRecord
+from drape.metrics.record import EvaluationRecord
 from drape.report.document import garment_document
 from drape.report.garment_rows import by_data, garment_rows
 from drape.report.garment_tables import garment_tables

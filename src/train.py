@@ -12,8 +12,7 @@ from omegaconf import DictConfig
 
 from drape import config as conf
 from drape.evaluation.run import evaluate_config
-from drape.metrics import simulator_record
-from drape.metrics.evaluation_record import EvaluationRecord
+from drape.metrics.record import EvaluationRecord, SimulatorRecord
 from drape.report.garment_tables import kinds_table
 from drape.report.summary import summary
 from drape.training.run import train
@@ -43,7 +42,7 @@ def main(config: DictConfig) -> None:
 def finish(config: DictConfig, folder: Path, record: Path) -> None:
     """Say what was learned; animate the test split by a simulator. One process of many does."""
     print(summary(record))
-    if config.evaluate and record.name == simulator_record.FILE and record.is_file():
+    if config.evaluate and record.name == SimulatorRecord.FILE and record.is_file():
         print(kinds_table(scored(config, folder)).markdown())
     print(f"run directory: {os.path.relpath(folder)}")
 

@@ -21,11 +21,9 @@ from drape.energy.terms.bending import Bending
 from drape.energy.terms.contact import PaperContact, SurfaceContact
 from drape.energy.terms.dissipation import Dissipation
 from drape.energy.terms.elastic import ElasticEnergy
-from drape.energy.terms.external import ExternalForce
+from drape.energy.terms.free_motion import ExternalForce, Gravity, Inertia
 from drape.energy.terms.friction import Friction
-from drape.energy.terms.gravity import Gravity
 from drape.energy.terms.hinge_elastic import Damping, HingeElastic
-from drape.energy.terms.inertia import Inertia
 from drape.energy.terms.stvk import StVK
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh import ClothMesh

@@ -8,10 +8,9 @@ import math
 import pytest
 import torch
 
-from drape.energy.law.edge_law import NetworkLaw
+from drape.energy.law.edge_law import NetworkLaw, StretchOnly
 from drape.energy.law.load_law import load_law
 from drape.energy.law.scaled_law import ScaledEdges
-from drape.energy.law.stretch_only import StretchOnly
 from drape.errors import DrapeError
 from drape.scene.material import Material
 from tests.energies import PAPER, make_energy, write_checkpoint

@@ -11,9 +11,7 @@ import torch
 
 from drape.energy.phys_material import THICKNESS, PhysMaterial
 from drape.energy.terms.bending import Bending
-from drape.energy.terms.external import ExternalForce
-from drape.energy.terms.gravity import Gravity
-from drape.energy.terms.inertia import Inertia
+from drape.energy.terms.free_motion import ExternalForce, Gravity, Inertia
 from drape.energy.terms.stvk import StVK
 from drape.errors import DrapeError
 from drape.geometry.grid import square_grid

@@ -12,9 +12,8 @@ import trimesh
 
 from drape.energy.step import ObstacleStep, Step
 from drape.energy.terms.contact import Contact, PaperContact, SurfaceContact
+from drape.energy.terms.free_motion import Gravity, Inertia
 from drape.energy.terms.friction import Friction
-from drape.energy.terms.gravity import Gravity
-from drape.energy.terms.inertia import Inertia
 from drape.errors import DrapeError
 from drape.geometry.grid import square_grid
 from drape.geometry.nearest_faces import NearestFaces

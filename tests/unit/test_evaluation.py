@@ -17,11 +17,11 @@ from drape.evaluation.method import Method
 from drape.evaluation.output import summarised
 from drape.evaluation.scored_sequence import ScoredSequence, mean_by_frame, read_by_frame, write_rows
 from drape.evaluation.selection import Selection
-from drape.metrics.evaluation_record import EvaluationRecord
 from drape.metrics.garment_scores import SCORES
+from drape.metrics.record import EvaluationRecord
 from drape.report.garment_tables import comparison_tables, kinds_table
 from drape.report.runs import find_evaluations, find_runs, has_runs
-from drape.simulators.frozen import Frozen
+from drape.simulators.baselines import Frozen
 from tests import garments
 
 
@@ -61,7 +61,7 @@ def scored(kind: str, error: float, floor: float, frames: int = 3) -> ScoredSequ
     return ScoredSequence("00000", kind, "silk", "walk", 70, by_frame, ms_per_frame=5.0, converged_percent=100.0)
 
 
-def record(name: str, error: float, target: str = "drape.simulators.frozen.Frozen", **data) -> EvaluationRecord:
+def record(name: str, error: float, target: str = "drape.simulators.baselines.Frozen", **data) -> EvaluationRecord:
     found = summarised([scored("dress", error, 0.5), scored("jumpsuit", 2 * error, 1.0)])
     about = {"path": "a.h5", "source": "test", "split": "test", "sequences": ["0", "1"], "frames": [3, 3]} | data
     return EvaluationRecord({"name": name, "simulator": {"_target_": target}}, about, found, {"command": "c"})
@@ -170,7 +170,7 @@ def test_evaluations_of_the_same_sequences_stand_in_one_table_with_the_paper():
     assert [row[0] for row in first.rows][:3] == ["bad", "good", "noise floor (twin)"]
     assert dict((row[0], row[1]) for row in first.rows)["HOOD (paper)"] == "90.94 ± 20.43", "jumpsuits first"
     assert [row[0] for row in second.rows] == ["few", "noise floor (twin)"]
-    twin = comparison_tables([record("good", 10.0), record("twin", 1.0, target="drape.simulators.twin.Twin")])[0]
+    twin = comparison_tables([record("good", 10.0), record("twin", 1.0, target="drape.simulators.baselines.Twin")])[0]
     assert [row[0] for row in twin.rows][:2] == ["good", "noise floor (twin)"]
     assert not twin.rows[2][0].startswith("noise floor"), "once is enough"
 

@@ -8,8 +8,7 @@ import pytest
 from drape.errors import DrapeError
 from drape.figure.figure import Figure
 from drape.figure.kinematics import joint_positions
-from drape.figure.motion_exercise import bend_of
-from drape.figure.motions import MOTIONS, make_motion
+from drape.figure.motions import MOTIONS, bend_of, make_motion
 from drape.figure.skeleton import JOINTS, SHIN, THIGH
 from drape.figure.skinning import pose_vertices
 from tests.figures import usual_figure

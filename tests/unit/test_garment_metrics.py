@@ -19,10 +19,10 @@ from drape.geometry.mesh_batch import MeshBatch
 from drape.geometry.surface_points import SurfacePoints
 from drape.metrics.collision import behind_nearest_vertex, vertex_normals
 from drape.metrics.drift import energy_drift, momentum_drift
-from drape.metrics.evaluation_record import EvaluationRecord
 from drape.metrics.garment_metric import GarmentMetric
 from drape.metrics.garment_scores import SCORES, AnimatedGarment, frame_scores, sequence_scores
 from drape.metrics.hem import hem_angle, hem_corners
+from drape.metrics.record import EvaluationRecord
 from drape.metrics.self_intersection import self_intersecting
 from drape.scene.obstacle import Obstacle
 from tests import garments

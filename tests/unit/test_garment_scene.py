@@ -9,11 +9,8 @@ from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import START, garment_scene, recorded_scene
 from drape.data.garment_writer import GarmentHeader, StoredBody, StoredGarmentSequence, write_garments
 from drape.errors import DrapeError
-from drape.simulators.ballistic import Ballistic
-from drape.simulators.frozen import Frozen
+from drape.simulators.baselines import Ballistic, Frozen, Skinned, Twin
 from drape.simulators.simulator import Simulator
-from drape.simulators.skinned import Skinned
-from drape.simulators.twin import Twin
 from tests import garments
 
 BASELINES = {"skinned": Skinned, "frozen": Frozen, "ballistic": Ballistic, "twin": Twin}

@@ -11,9 +11,8 @@ from torch import Tensor
 
 from drape.energy import fabric
 from drape.energy.law.deformation import Stretch, StretchBending
-from drape.energy.law.edge_law import NetworkLaw
+from drape.energy.law.edge_law import NetworkLaw, StretchOnly
 from drape.energy.law.hinge_law import HingeLaw, WithoutHinges
-from drape.energy.law.stretch_only import StretchOnly
 from drape.energy.terms.bending import Bending
 from drape.energy.terms.hinge_elastic import Damping, HingeElastic
 from drape.geometry.grid import square_grid

@@ -12,7 +12,7 @@ from drape.energy.law.eunet import EUNet
 from drape.energy.law.step_energies import StepEnergies
 from drape.energy.step import Step
 from drape.energy.terms.contact import SurfaceContact
-from drape.energy.terms.inertia import Inertia
+from drape.energy.terms.free_motion import Inertia
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh_batch import MeshBatch
 from drape.loss.collision import Collision

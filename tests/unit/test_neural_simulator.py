@@ -16,8 +16,7 @@ from drape.data.motion import edge_strain
 from drape.energy.fabric import Fabric
 from drape.energy.phys_material import PhysMaterial
 from drape.energy.terms.contact import SurfaceContact
-from drape.energy.terms.gravity import Gravity
-from drape.energy.terms.inertia import Inertia
+from drape.energy.terms.free_motion import Gravity, Inertia
 from drape.errors import DrapeError
 from drape.loss.collision import Collision
 from drape.loss.position import Position

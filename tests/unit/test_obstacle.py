@@ -17,8 +17,7 @@ from drape.errors import DrapeError
 from drape.reading.files import natural_order, read_file
 from drape.scene.follow import follow
 from drape.scene.obstacle import Obstacle
-from drape.scene.obstacle_file import read_body, read_obstacle
-from drape.scene.resample import resample
+from drape.scene.obstacle_file import read_body, read_obstacle, resample
 
 BALL = trimesh.creation.icosphere(1, 0.5)
 FACES, X = np.array(BALL.faces), np.array(BALL.vertices)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from drape.errors import DrapeError
-from drape.metrics.evaluation_record import EvaluationRecord
+from drape.metrics.record import EvaluationRecord
 from drape.report.document import garment_document
 from drape.report.garment_colours import row_styles
 from drape.report.garment_comparison import draw_garment_comparison, error_by_frame
@@ -21,7 +21,7 @@ from drape.report.garment_trade import draw_garment_trade, trade_rows, write_gar
 from drape.report.runs import find_evaluations
 from drape.report.table import Table
 
-TWIN = "drape.simulators.twin.Twin"
+TWIN = "drape.simulators.baselines.Twin"
 KINDS = ("tshirt", "dress")
 
 
@@ -38,7 +38,7 @@ def record(name: str, error: float, training: dict | None = None, **changes: obj
         }
         metrics |= {f"ms_per_frame/{kind}": 40.0, f"sequences/{kind}": 2.0 if kind == "overall" else 1.0}
     data = {"path": "a.h5", "source": "made up", "split": "test", "sequences": ["0", "1"], "frames": [3, 3]}
-    method = {"name": name, "simulator": {"_target_": changes.pop("target", "drape.simulators.frozen.Frozen")}}
+    method = {"name": name, "simulator": {"_target_": changes.pop("target", "drape.simulators.baselines.Frozen")}}
     method |= {"training": training} if training else {}
     method |= changes.pop("method", {})
     provenance = {"command": f"python src/evaluate.py name={name}"} | changes.pop("provenance", {})

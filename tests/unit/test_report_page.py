@@ -16,7 +16,7 @@ from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
 from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_scene import recorded_scene
-from drape.metrics.evaluation_record import EvaluationRecord
+from drape.metrics.record import EvaluationRecord
 from drape.report import clips
 from drape.report.clips import one_of_each_kind
 from drape.report.garment_rows import GarmentRow, garment_rows
@@ -90,7 +90,7 @@ def page(data, tmp_path_factory) -> tuple[Path, list[EvaluationRecord]]:
         evaluated(data, runs / "a", "hood_seed0", training=trained("hood")),
         evaluated(data, runs / "b", "solver <b>&amp;", 0.2, method={"energy": {}}),
         evaluated(data, runs / "c", "broken", 0.0),
-        evaluated(data, runs / "d", "twin", 0.0, target="drape.simulators.twin.Twin"),
+        evaluated(data, runs / "d", "twin", 0.0, target="drape.simulators.baselines.Twin"),
     ]
     (runs / "c" / "sequences" / "00002.h5").unlink()
     (runs / "eunet" / "figures").mkdir(parents=True)

@@ -6,7 +6,7 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from drape.simulators.kinematic.rigid_motion import RigidMotion
+from drape.simulators.kinematic.prior import RigidMotion
 
 TURN = torch.from_numpy(Rotation.from_euler("xyz", [0.4, -1.1, 2.0]).as_matrix())
 

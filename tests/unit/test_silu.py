@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from drape.nets.silu import SiLU
+from drape.nets.mlp import SiLU
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

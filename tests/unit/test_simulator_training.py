@@ -14,7 +14,7 @@ from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.sequence_loader import Watched
 from drape.energy.fabric import Fabric
 from drape.energy.terms.contact import SurfaceContact
-from drape.energy.terms.inertia import Inertia
+from drape.energy.terms.free_motion import Inertia
 from drape.loss.potential import Potential
 from drape.loss.prediction import PredictionLoss
 from drape.metrics.rollout_scores import rollout_scores

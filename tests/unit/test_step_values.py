@@ -18,8 +18,7 @@ from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import ATTRIBUTES
 from drape.scene.state import State
 from drape.simulators.advance import advance
-from drape.simulators.ballistic import Ballistic
-from drape.simulators.frozen import Frozen
+from drape.simulators.baselines import Ballistic, Frozen, Skinned
 from drape.simulators.kinematic.edge_lengths import _next_weight, nearer_to_rest
 from drape.simulators.kinematic.prior import KinematicPrior, Nothing
 from drape.simulators.neural.cloths import Cloth, RecordedCloths, forced
@@ -27,7 +26,6 @@ from drape.simulators.neural.graph_acceleration import _along_edges
 from drape.simulators.neural.neural import NeuralSimulator
 from drape.simulators.neural.phys_cloths import PhysCloths
 from drape.simulators.neural.rollout_step import rollout_step
-from drape.simulators.skinned import Skinned
 from drape.simulators.solver.balance import mean_weight
 from drape.simulators.solver.energy_limit import stored, without_gain
 from tests import garments

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from drape.energy.law.stretch_only import StretchOnly
+from drape.energy.law.edge_law import StretchOnly
 from drape.energy.step import Step
 from drape.energy.terms.elastic import ElasticEnergy
 from drape.geometry.grid import square_grid

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from drape.metrics.material_record import MaterialRecord
-from drape.metrics.record import RunRecord
-from drape.metrics.simulator_record import SimulatorRecord
+from drape.metrics.record import MaterialRecord, RunRecord, SimulatorRecord
 from drape.report.summary import summary
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from drape.energy.terms.twist_share import FADES_BELOW, twist_share
+from drape.energy.terms.elastic import FADES_BELOW, twist_share
 
 
 def test_the_share_is_a_smooth_step():

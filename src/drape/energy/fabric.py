@@ -11,12 +11,11 @@ from torch import Tensor
 
 from drape.data.datamodule import TrajectoryDataModule
 from drape.energy.law.deformation import Deformation, Stretch
-from drape.energy.law.edge_law import EdgeLaw
+from drape.energy.law.edge_law import EdgeLaw, StretchOnly
 from drape.energy.law.hinge_law import HingeLaw, WithoutHinges
 from drape.energy.law.load_law import load_baked, load_law
 from drape.energy.law.scaled_law import at_density
 from drape.energy.law.spring_hinge import SpringHingeLaw
-from drape.energy.law.stretch_only import StretchOnly
 from drape.energy.term import EnergyTerm
 from drape.energy.terms.bending import Bending
 from drape.energy.terms.dissipation import Dissipation

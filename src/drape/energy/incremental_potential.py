@@ -14,10 +14,8 @@ from torch import Tensor, nn
 from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, array
 from drape.energy.terms.contact import Contact, SurfaceContact
-from drape.energy.terms.external import ExternalForce
+from drape.energy.terms.free_motion import ExternalForce, Gravity, Inertia
 from drape.energy.terms.friction import Friction
-from drape.energy.terms.gravity import Gravity
-from drape.energy.terms.inertia import Inertia
 from drape.energy.terms.ipc import Barrier
 from drape.linalg.stencil_sum import StencilSum
 from drape.scene.scene import Scene

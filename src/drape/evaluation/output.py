@@ -9,10 +9,10 @@ from drape.energy.law.checkpoint import versions
 from drape.evaluation.board import write_board
 from drape.evaluation.method import Method
 from drape.evaluation.scored_sequence import OF_SEQUENCE, ScoredSequence, write_rows
-from drape.metrics.evaluation_record import EvaluationRecord
 from drape.metrics.fabric_metric import OVERALL
 from drape.metrics.garment_metric import GarmentMetric
 from drape.metrics.garment_scores import SCORES
+from drape.metrics.record import EvaluationRecord
 
 
 def save(

@@ -13,7 +13,7 @@ from drape.evaluation.garments import evaluate
 from drape.evaluation.method import Method
 from drape.evaluation.output import save
 from drape.evaluation.scored_sequence import ScoredSequence
-from drape.metrics.evaluation_record import EvaluationRecord
+from drape.metrics.record import EvaluationRecord
 
 
 class Evaluated(NamedTuple):

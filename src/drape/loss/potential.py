@@ -9,10 +9,8 @@ from torch import Tensor
 
 from drape.energy.term import EnergyTerm
 from drape.energy.terms.contact import Contact
-from drape.energy.terms.external import ExternalForce
+from drape.energy.terms.free_motion import ExternalForce, Gravity, Inertia
 from drape.energy.terms.friction import Friction
-from drape.energy.terms.gravity import Gravity
-from drape.energy.terms.inertia import Inertia
 from drape.errors import DrapeError
 from drape.loss.prediction import Prediction, PredictionLoss
 

@@ -1,4 +1,4 @@
-"""The record of a finished run: ``metrics.json``, written by training and read by reports."""
+"""Records of what has finished: JSON files that trainings and evaluations write once and reports read."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 from drape.errors import DrapeError
+from drape.metrics.fabric_metric import OVERALL
 
 FILE = "metrics.json"
-FORMAT = "drape run"
+"""Of trainings of energies, and of evaluations."""
 VERSION = 1
 
 
 @dataclass(frozen=True)
 class RunRecord:
-    """The result of one training and how it came about."""
+    """The result of one training of an energy and how it came about."""
 
+    FORMAT: ClassVar[str] = "drape run"
     model: str
     """Option of the group ``model``, e.g. eunet."""
     ablation: str
@@ -38,9 +41,7 @@ class RunRecord:
 
     def save(self, folder: Path | str) -> Path:
         """Write ``metrics.json``; the file is either whole or as it was."""
-        content = {"format": FORMAT, "version": VERSION} | asdict(self)
-        del content["folder"]
-        return write_json(Path(folder) / FILE, content)
+        return _save(self, folder)
 
     @classmethod
     def load(cls, folder: Path | str) -> RunRecord:
@@ -50,25 +51,112 @@ class RunRecord:
             DrapeError: no such file, not JSON, another format, or an entry that is missing or of the wrong kind.
         """
         path = Path(folder) / FILE
-        content = read_json(path)
-        found = content.get("format"), content.get("version")
-        if found != (FORMAT, VERSION):
-            raise DrapeError(f"{path}: format and version are {found}; expected {(FORMAT, VERSION)}; run it again")
-        kinds = {"model": str, "ablation": str, "seed": int} | dict.fromkeys(MAPPINGS, dict)
-        for name, kind in kinds.items():
-            if not isinstance(content.get(name), kind):
-                raise DrapeError(f"{path}: {name} is {content.get(name)!r}; expected {kind.__name__}; run it again")
+        kinds = {"model": str, "ablation": str, "seed": int}
+        kinds |= dict.fromkeys(("variant", "setting", "metrics", "provenance"), dict)
+        content = _load(path, cls.FORMAT, kinds, "run it again")
         for mapping, name in REQUIRED:
             if name not in content[mapping]:
                 raise DrapeError(f"{path}: {mapping} has no {name}; it has {', '.join(content[mapping])}; run it again")
-        return cls(**{name: content[name] for name in kinds}, folder=Path(folder))
+        return cls(**content, folder=Path(folder))
 
 
-MAPPINGS = ("variant", "setting", "metrics", "provenance")
 REQUIRED = (
     *(("setting", name) for name in ("data", "scale", "width", "steps")),
     *(("provenance", name) for name in ("command", "data", "train_sequences", "test_sequences", "seconds", "versions")),
 )
+"""What a run must say of itself."""
+
+
+@dataclass(frozen=True)
+class EvaluationRecord:
+    """Scores of one way to animate garments, and how they came about."""
+
+    FORMAT: ClassVar[str] = "drape evaluation"
+    method: Mapping[str, object]
+    """``name`` (of the row of a table), and the settings ``simulator`` and, unless it is a baseline, ``energy``."""
+    data: Mapping[str, object]
+    """What two evaluations must share to be compared: ``path``, ``source``, ``split``, ``sequences`` (their names),
+    ``frames`` (simulated of each)."""
+    metrics: Mapping[str, float]
+    """``score_unit/kind`` and ``score_unit/overall``, with ``_std`` over sequences; ``sequences/kind``: how many;
+    ``error_in_floors/kind`` where the data have a noise floor."""
+    provenance: Mapping[str, object]
+    """``command``, ``seconds``, ``versions``, and whatever else helps."""
+    folder: Path = field(default=Path(), compare=False)
+    """Where it was read from; not stored."""
+
+    @property
+    def kinds(self) -> list[str]:
+        """Kinds of garments that were animated."""
+        names = [key.partition("/")[2] for key in self.metrics if key.startswith("sequences/")]
+        return [name for name in names if name != OVERALL]
+
+    def save(self, folder: Path | str) -> Path:
+        """Write ``metrics.json``; the file is either whole or as it was."""
+        return _save(self, folder)
+
+    @classmethod
+    def load(cls, folder: Path | str) -> EvaluationRecord:
+        """Read ``metrics.json`` of a folder.
+
+        Raises:
+            DrapeError: no such file, not JSON, another format, or an entry that is missing or of the wrong kind.
+        """
+        kinds = dict.fromkeys(("method", "data", "metrics", "provenance"), dict)
+        return cls(**_load(Path(folder) / FILE, cls.FORMAT, kinds, "evaluate again"), folder=Path(folder))
+
+
+@dataclass(frozen=True)
+class MaterialRecord:
+    """Materials of PHYS that stand for fabrics, as EST has estimated them; ``${estimates:<path>}`` reads it."""
+
+    FILE: ClassVar[str] = "estimates.json"
+    estimates: Mapping[str, Mapping[str, float]]
+    """By fabric: the numbers of :class:`drape.energy.phys_material.PhysMaterial`."""
+    residuals: Mapping[str, Mapping[str, float]]
+    """By fabric: mean residual force over the weight in the test split; see ``MaterialDataModule.residuals``."""
+    provenance: Mapping[str, object]
+    """``command``, ``data``, ``seed``, ``frames``, ``steps``, ``seconds``, ``versions``."""
+
+    def save(self, folder: Path | str) -> Path:
+        """Write ``estimates.json``; the file is either whole or as it was."""
+        return write_json(Path(folder) / self.FILE, asdict(self))
+
+
+@dataclass(frozen=True)
+class SimulatorRecord:
+    """How a simulator came about, and how its last validation went; evaluations quote it."""
+
+    FILE: ClassVar[str] = "simulator.json"
+    FORMAT: ClassVar[str] = "drape simulator"
+    training: Mapping[str, object]
+    """``row`` (option of the group ``model``), ``ablation``, ``scale``, ``seed``, ``iterations``, ``seconds``,
+    ``parameters``, ``command``, ..."""
+    watched: Mapping[str, float]
+    """Scores of the sequences that were watched; see :func:`drape.metrics.rollout_scores.rollout_scores`."""
+
+    def save(self, folder: Path | str) -> Path:
+        """Write ``simulator.json``; the file is either whole or as it was."""
+        content = {"format": self.FORMAT, "version": VERSION} | asdict(self)
+        return write_json(Path(folder) / self.FILE, content)
+
+
+def _save(record: RunRecord | EvaluationRecord, folder: Path | str) -> Path:
+    content = {"format": record.FORMAT, "version": VERSION} | asdict(record)
+    del content["folder"]
+    return write_json(Path(folder) / FILE, content)
+
+
+def _load(path: Path, form: str, kinds: Mapping[str, type], again: str) -> dict:
+    """The entries of a record that ``kinds`` names."""
+    content = read_json(path)
+    found = content.get("format"), content.get("version")
+    if found != (form, VERSION):
+        raise DrapeError(f"{path}: format and version are {found}; expected {(form, VERSION)}; {again}")
+    for name, kind in kinds.items():
+        if not isinstance(content.get(name), kind):
+            raise DrapeError(f"{path}: {name} is {content.get(name)!r}; expected {kind.__name__}; {again}")
+    return {name: content[name] for name in kinds}
 
 
 def write_json(path: Path, content: Mapping) -> Path:

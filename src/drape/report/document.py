@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drape.metrics.evaluation_record import EvaluationRecord
-from drape.metrics.record import RunRecord
+from drape.metrics.record import EvaluationRecord, RunRecord
 from drape.report.garment_tables import garment_tables
 from drape.report.provenance import describe_setting, missing, provenance
 from drape.report.runs import Configuration, by_setting, configurations

@@ -14,13 +14,13 @@ from typing import Any
 import yaml
 
 from drape.errors import DrapeError
-from drape.metrics.evaluation_record import EvaluationRecord
 from drape.metrics.fabric_metric import OVERALL
+from drape.metrics.record import EvaluationRecord
 from drape.report.runs import Spread, seed_of
 from drape.simulators.choice import chosen_budget
 
 FLOOR = "noise floor (twin)"
-TWIN = "drape.simulators.twin.Twin"
+TWIN = "drape.simulators.baselines.Twin"
 PAPER = " (paper)"
 """After the label of a row whose numbers are the paper's."""
 OF_SEED = re.compile(r"[\s_/-]*(seed|s)[_=-]?\d+$")

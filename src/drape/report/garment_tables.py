@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from drape.metrics.evaluation_record import EvaluationRecord
 from drape.metrics.fabric_metric import OVERALL
+from drape.metrics.record import EvaluationRecord
 from drape.report.garment_rows import (
     FLOOR,
     PAPER,

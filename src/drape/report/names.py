@@ -6,7 +6,7 @@ import hashlib
 import re
 from pathlib import Path
 
-from drape.metrics.evaluation_record import EvaluationRecord
+from drape.metrics.record import EvaluationRecord
 
 
 def slug(text: str) -> str:

@@ -11,7 +11,7 @@ import jinja2
 import numpy as np
 
 from drape.data.whole_file import whole_file
-from drape.metrics.evaluation_record import EvaluationRecord
+from drape.metrics.record import EvaluationRecord
 from drape.report.clips import RECORDED, show
 from drape.report.garment_comparison import draw_garment_comparison
 from drape.report.garment_rows import GarmentRow, by_data, garment_rows

@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from drape.errors import DrapeError
-from drape.metrics import evaluation_record
-from drape.metrics.evaluation_record import EvaluationRecord
-from drape.metrics.record import FILE, FORMAT, RunRecord, read_json
+from drape.metrics.record import FILE, EvaluationRecord, RunRecord, read_json
 from drape.stored import reading
 
 Record = TypeVar("Record", RunRecord, EvaluationRecord)
@@ -37,7 +35,7 @@ def find_runs(folder: Path | str) -> list[RunRecord]:
 
 def has_runs(folder: Path | str) -> bool:
     """Whether a finished training is below ``folder``."""
-    return any(_format(path) == FORMAT for path in _newest_last(Path(folder)))
+    return any(_format(path) == RunRecord.FORMAT for path in _newest_last(Path(folder)))
 
 
 def find_evaluations(folder: Path | str) -> list[EvaluationRecord]:
@@ -72,7 +70,7 @@ def _newest_last(folder: Path) -> list[Path]:
 
 
 def _is_evaluation(path: Path) -> bool:
-    return _format(path) == evaluation_record.FORMAT
+    return _format(path) == EvaluationRecord.FORMAT
 
 
 def _format(path: Path) -> object:

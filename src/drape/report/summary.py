@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from drape.metrics import material_record, simulator_record
-from drape.metrics.record import RunRecord, read_json
+from drape.metrics.record import MaterialRecord, RunRecord, SimulatorRecord, read_json
 
 
 def summary(path: Path) -> str:
     """What the record of a training at ``path`` says; of a trial run, which leaves none, only that."""
     if not path.is_file():
         return "a trial run: nothing was recorded"
-    if path.name == simulator_record.FILE:
+    if path.name == SimulatorRecord.FILE:
         return _simulator(read_json(path))
-    return _materials(read_json(path)) if path.name == material_record.FILE else _energy(RunRecord.load(path.parent))
+    return _materials(read_json(path)) if path.name == MaterialRecord.FILE else _energy(RunRecord.load(path.parent))
 
 
 def _materials(content: Mapping) -> str:

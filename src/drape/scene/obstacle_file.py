@@ -13,7 +13,6 @@ from drape.reading.files import read_file
 from drape.reading.mesh_record import MeshFile, ReadMesh
 from drape.reading.triangles import looking_outwards, made
 from drape.scene.obstacle import Obstacle
-from drape.scene.resample import resample
 from drape.stored import reading
 
 FASTEST = 1e6
@@ -91,3 +90,33 @@ def _rate(source: MeshFile, fps: float | None) -> float | None:
             "scene.body_fps" + (" (or pip install usd-core, which tells)" if ".usd" in source.path.suffix else "")
         )
     return rate
+
+
+ROUNDING = 1e-6
+"""Share of a frame by which a time may lie past the last recorded frame."""
+
+
+def resample(
+    positions: Float[np.ndarray, "recorded vertices 3"], fps: float | None, dt: float, frames: int, where: str
+) -> Float[np.ndarray, "frames vertices 3"]:
+    """Positions at the times ``k * dt``, k = 0..``frames``, between recorded frames linearly; ``fps`` of the recording.
+
+    A single recorded frame stands still and stays one.
+
+    Raises:
+        DrapeError: the recording ends before time ``frames * dt``. ``where`` opens the sentence.
+    """
+    if len(positions) == 1:
+        return positions
+    last = len(positions) - 1
+    times = np.arange(frames + 1) * dt * fps  # in recorded frames
+    if times[-1] > last + ROUNDING:
+        enough = int((last + ROUNDING) / (dt * fps))
+        raise DrapeError(
+            f"{where}: found {len(positions)} frames at {fps:g} per second, {last / fps:.3g} s; expected "
+            f"{frames * dt:.3g} s, for {frames} frames of the scene; set scene.frames to {enough} or fewer, or give a "
+            "longer motion"
+        )
+    before = np.clip(np.floor(times + ROUNDING).astype(np.int64), 0, last - 1)
+    share = np.clip(times - before, 0.0, 1.0)[:, None, None]
+    return (1.0 - share) * positions[before] + share * positions[before + 1]

@@ -13,7 +13,7 @@ from torch.utils.data import DataLoader
 from drape.energy.force_balance import material_ratios
 from drape.energy.law.checkpoint import FORMAT, versions
 from drape.energy.phys_material import PhysMaterial, material_numbers
-from drape.metrics import material_record
+from drape.metrics.record import MaterialRecord
 from drape.nets.material_net import MaterialNet
 from drape.training.material_data import FabricBalance, MaterialDataModule
 
@@ -36,7 +36,7 @@ class MaterialTraining(lightning.LightningModule):
         decay: factor of the learning rate from one epoch to the next.
     """
 
-    RECORD = material_record.FILE
+    RECORD = MaterialRecord.FILE
     """Name of the file that is left in the end."""
 
     def __init__(self, net: MaterialNet, learning_rate: float = 2e-4, decay: float = 0.5):
@@ -65,11 +65,11 @@ class MaterialTraining(lightning.LightningModule):
 
     def finish(
         self, config: dict[str, Any], choices: Mapping[str, str], data: MaterialDataModule, seconds: float
-    ) -> material_record.MaterialRecord:
+    ) -> MaterialRecord:
         """The materials that the network makes of the fabrics, and what they leave of the forces in the test split."""
         with torch.no_grad():
             positions = {name: self.net(vector[None])[0] for name, vector in data.attributes.items()}
-        return material_record.MaterialRecord(
+        return MaterialRecord(
             estimates={name: PhysMaterial.at(place)._asdict() for name, place in positions.items()},
             residuals=data.residuals({name: PhysMaterial.at(place) for name, place in positions.items()}),
             provenance={

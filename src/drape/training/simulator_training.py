@@ -20,7 +20,7 @@ from drape.energy.law.checkpoint import versions
 from drape.errors import DrapeError
 from drape.loss.potential import Potential
 from drape.loss.prediction import Prediction, PredictionLoss
-from drape.metrics import simulator_record
+from drape.metrics.record import SimulatorRecord
 from drape.metrics.rollout_scores import ScoredRollout, rollout_scores
 from drape.simulators.advance import advance
 from drape.simulators.neural.checkpoint import describe_simulator
@@ -64,7 +64,7 @@ class SimulatorTraining(lightning.LightningModule):
             summand that is not finite (the summand, the step and the sample are named).
     """
 
-    RECORD = simulator_record.FILE
+    RECORD = SimulatorRecord.FILE
     """Name of the file that is left in the end."""
 
     def __init__(
@@ -203,10 +203,10 @@ class SimulatorTraining(lightning.LightningModule):
 
     def finish(
         self, config: dict[str, Any], choices: Mapping[str, str], data: GarmentDataModule, seconds: float
-    ) -> simulator_record.SimulatorRecord:
+    ) -> SimulatorRecord:
         """What there is to say of the training so far."""
         watched = {k: float(v) for k, v in self.trainer.callback_metrics.items() if k.startswith("val/")}
-        return simulator_record.SimulatorRecord(
+        return SimulatorRecord(
             training={
                 "row": choices["model"],
                 "ablation": choices["ablation"],

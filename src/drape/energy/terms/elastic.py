@@ -12,7 +12,6 @@ from drape.energy.step import Step
 from drape.energy.term import EnergyTerm, Stencils
 from drape.energy.terms.edge_deformation import EdgeDeformation
 from drape.energy.terms.edge_scale import ALL, EdgeScale
-from drape.energy.terms.twist_share import FADES_BELOW, twist_share
 from drape.geometry.mesh_batch import MeshBatch
 from drape.geometry.rest_shape import HingeShape
 from drape.linalg.stencil_sum import StencilSum, from_jacobian
@@ -167,3 +166,19 @@ def _gradient(
         return gradient
     by_scale = 2.0 * scale * slopes.energy - (slopes.gradient.T * q).sum(0)
     return torch.cat([gradient[:1], gradient[1:] + by_scale * turns])
+
+
+FADES_BELOW = 0.25
+"""Of :attr:`EdgeDeformation.upright`. Sheets that are learned from stay above 0.9."""
+
+
+def twist_share(upright: Float[Tensor, " edges"]) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
+    """The weight w of the twist, from 0 at ``upright = 0`` to 1 from ``FADES_BELOW`` on, and its slope.
+
+    The twist α is an angle between projections along the edge. A normal that passes through the edge's own direction
+    has none, and α jumps by up to half a turn: an energy that sees it has cliffs, which crumpled cloth runs against
+    and no line search gets over. ``w φ(Δl, α, β) + (1 - w) φ(Δl, 0, β)`` with ``w = t² (3 - 2t)``, t = upright /
+    FADES_BELOW, is continuously differentiable there, and φ itself everywhere else.
+    """
+    t = (upright / FADES_BELOW).clamp(max=1.0)
+    return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) / FADES_BELOW

@@ -18,8 +18,7 @@ from drape.scene.material import Material
 from drape.scene.mesh_file import read_cloth, read_pose
 from drape.scene.obstacle import Obstacle
 from drape.scene.obstacle_file import obstacle_of, read_body
-from drape.scene.pin_rule import pinned_vertices
-from drape.scene.pins import Pins
+from drape.scene.pins import Pins, pinned_vertices
 from drape.scene.proportions import beside, check_garment_and_body, check_upright, perhaps_lying
 from drape.scene.scene import Scene, frame_time
 from drape.scene.state import State

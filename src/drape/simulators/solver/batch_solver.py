@@ -13,10 +13,8 @@ from torch.autograd.function import FunctionCtx
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.step import Step
 from drape.energy.terms.contact import Contact
-from drape.energy.terms.external import ExternalForce
+from drape.energy.terms.free_motion import ExternalForce, Gravity, Inertia
 from drape.energy.terms.friction import Friction
-from drape.energy.terms.gravity import Gravity
-from drape.energy.terms.inertia import Inertia
 from drape.geometry.mesh_batch import MeshBatch
 from drape.simulators.advance import advance
 from drape.simulators.kinematic.prior import KinematicPrior, Nothing

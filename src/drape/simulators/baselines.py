@@ -1,6 +1,8 @@
-"""The garment as the body carries it, without dynamics: linear blend skinning."""
+"""Baselines without an energy: motions that follow from a recorded sequence."""
 
 from __future__ import annotations
+
+from abc import ABC, abstractmethod
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +13,46 @@ from drape.errors import DrapeError
 from drape.scene.follow import follow
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators.baseline import Baseline
+from drape.simulators.simulator import Outcome, StepResult
+
+
+class Baseline(ABC):
+    """A simulator of one recorded garment that needs no energy; pinned vertices are led as in every simulator.
+
+    Args:
+        scene: of the sequence, as :func:`drape.data.garment_scene.recorded_scene` makes it.
+        sequence: what was recorded, from the first frame on.
+    """
+
+    def __init__(self, scene: Scene, sequence: GarmentSequence):
+        self.scene = scene
+        self.sequence = sequence
+
+    @abstractmethod
+    def positions(self, state: State, frame: int) -> Float[np.ndarray, "vertices 3"]:
+        """Where the vertices are at frame ``frame + 1`` of the scene, from the state at ``frame`` [m]."""
+
+    def step(self, state: State, frame: int) -> StepResult:
+        """The state at frame ``frame + 1`` from that at ``frame``; velocities are those of the step."""
+        x = np.array(self.positions(state, frame))
+        if self.scene.pins is not None:
+            x[self.scene.pins.vertices] = self.scene.pins.at(frame + 1)
+        return StepResult(State(x, (x - state.x) / self.scene.dt), Outcome.CONVERGED, 0, 0.0)
+
+
+class Frozen(Baseline):
+    """``x' = x``."""
+
+    def positions(self, state: State, frame: int) -> Float[np.ndarray, "vertices 3"]:
+        return state.x
+
+
+class Ballistic(Baseline):
+    """``x' = x + dt v + dt² g``: the implicit Euler step without elastic energy and contact."""
+
+    def positions(self, state: State, frame: int) -> Float[np.ndarray, "vertices 3"]:
+        return state.x + self.scene.dt * state.v + self.scene.dt**2 * self.scene.gravity
+
 
 STARTS = ("recorded", "rest")
 
@@ -62,3 +103,22 @@ def _blended(transforms: np.ndarray, bones: np.ndarray, weights: np.ndarray) -> 
 
 def _homogeneous(x: Float[np.ndarray, "vertices 3"]) -> Float[np.ndarray, "vertices 4"]:
     return np.concatenate([x, np.ones((len(x), 1))], axis=1)
+
+
+class Twin(Baseline):
+    """The perturbed twin of the data; its error is the noise floor.
+
+    Raises:
+        DrapeError: the sequence has none.
+    """
+
+    def __init__(self, scene: Scene, sequence: GarmentSequence):
+        super().__init__(scene, sequence)
+        if sequence.twin is None:
+            raise DrapeError(
+                f"{sequence.file.path}: sequences/{sequence.name}: has no twin; simulator=twin expects the recording "
+                "of a second, perturbed start; generate the data with data.twin=1e-6, or choose another simulator"
+            )
+
+    def positions(self, state: State, frame: int) -> Float[np.ndarray, "vertices 3"]:
+        return self.sequence.twin[START + frame + 1]
