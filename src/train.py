@@ -14,19 +14,12 @@ from drape import config as conf
 from drape.evaluation.run import evaluate_config
 from drape.metrics import simulator_record
 from drape.metrics.evaluation_record import EvaluationRecord
+from drape.metrics.record import VARIANT
 from drape.report.garment_tables import kinds_table
 from drape.report.summary import summary
 from drape.training.run import train
 
-GROUPS = {
-    "model": "model",
-    "ablation": "ablation",
-    "material": "material",
-    "scale": "scale",
-    "loss": "loss",
-    "potential": "model/potential",
-    "dissipation": "model/dissipation",
-}
+GROUPS = {name: name for name in ("model", "ablation", "material", "scale")} | VARIANT
 """Name in the record of a run -> config group."""
 
 
@@ -34,6 +27,7 @@ GROUPS = {
 def main(config: DictConfig) -> None:
     conf.check_ablation()
     choices = {name: conf.chosen(group) for name, group in GROUPS.items()}
+    choices["label"] = conf.label(config)
     choices["command"] = conf.command_line("train", conf.typed())
     folder = Path(HydraConfig.get().runtime.output_dir)
     finish(config, folder, train(config, folder, choices))

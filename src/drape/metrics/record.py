@@ -13,6 +13,8 @@ from drape.errors import DrapeError
 FILE = "metrics.json"
 FORMAT = "drape run"
 VERSION = 1
+VARIANT = {"potential": "model/potential", "dissipation": "model/dissipation", "loss": "loss"}
+"""Name in ``variant`` of a record -> config group."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class RunRecord:
     """Option of the group ``ablation``; several joined by ``+``."""
     seed: int
     variant: Mapping[str, str]
-    """Other choices that make it another model or another training: ``{"potential": "mlp", "loss": "paper"}``."""
+    """Options of the groups of :data:`VARIANT`, which make it another model or another training."""
     setting: Mapping[str, str | int]
     """What two runs must share to be compared: ``data``, ``material``, ``scale``, ``width``, ``steps`` (those done)."""
     metrics: Mapping[str, float]
@@ -33,6 +35,8 @@ class RunRecord:
     provenance: Mapping[str, object]
     """``command`` ("python src/train.py" and Hydra's task overrides), ``data`` (path), ``train_sequences``,
     ``test_sequences``, ``seconds`` (of training), ``parameters``, ``versions`` (by package) and whatever else helps."""
+    label: str = ""
+    """What reports call it; empty in records of before there were labels."""
     folder: Path = field(default=Path(), compare=False)
     """Where it was read from; not stored."""
 
@@ -54,7 +58,8 @@ class RunRecord:
         found = content.get("format"), content.get("version")
         if found != (FORMAT, VERSION):
             raise DrapeError(f"{path}: format and version are {found}; expected {(FORMAT, VERSION)}; run it again")
-        kinds = {"model": str, "ablation": str, "seed": int} | dict.fromkeys(MAPPINGS, dict)
+        content.setdefault("label", "")
+        kinds = {"model": str, "label": str, "ablation": str, "seed": int} | dict.fromkeys(MAPPINGS, dict)
         for name, kind in kinds.items():
             if not isinstance(content.get(name), kind):
                 raise DrapeError(f"{path}: {name} is {content.get(name)!r}; expected {kind.__name__}; run it again")

@@ -18,8 +18,8 @@ class SimulatorRecord:
     """How a simulator came about, and how its last validation went."""
 
     training: Mapping[str, object]
-    """``row`` (option of the group ``model``), ``ablation``, ``scale``, ``seed``, ``iterations``, ``seconds``,
-    ``parameters``, ``command``, ..."""
+    """``row`` (option of the group ``model``), ``label``, ``ablation``, ``scale``, ``seed``, ``iterations``,
+    ``seconds``, ``parameters``, ``command``, ..."""
     watched: Mapping[str, float]
     """Scores of the sequences that were watched; see :func:`drape.metrics.rollout_scores.rollout_scores`."""
 

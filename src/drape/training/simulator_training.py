@@ -206,6 +206,7 @@ class SimulatorTraining(lightning.LightningModule):
         return simulator_record.SimulatorRecord(
             training={
                 "row": choices["model"],
+                "label": choices["label"],
                 "ablation": choices["ablation"],
                 "material": choices["material"],
                 "scale": choices["scale"],
