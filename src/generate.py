@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import time
 
-from hydra.utils import get_method
 from omegaconf import DictConfig, OmegaConf
 
 from drape import config as conf
-from drape.errors import DrapeError
 
 
 @conf.main("generate")
@@ -17,10 +15,8 @@ def main(config: DictConfig) -> None:
     source = settings["data"].get("source", "cloth")
     if source in ("cloth", "garments"):
         _simulate(source, settings)
-    elif source in ("recorded", "cloth3d", "vto"):
-        _read(source, settings["data"])
     else:
-        raise DrapeError(f"data.source: found {source!r}; expected garments, recorded, cloth3d, vto, or nothing")
+        _read(source, settings["data"])
 
 
 def _simulate(source: str, settings: dict) -> None:
@@ -50,7 +46,9 @@ def _read(source: str, data: dict) -> None:
         from drape.report.recorded import read_recordings
 
         return print(read_recordings(data))
-    conversion = get_method(f"drape.data.{source}.conversion.convert_{source}")(data)
+    from drape.data.sources import converter
+
+    conversion = converter(source)(data)
     how = "made" if conversion.made else "was already there with this configuration"
     print(f"{conversion.path}: {conversion.converted} sequences; {how}")
     conversion.refuse_left_out()

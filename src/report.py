@@ -27,7 +27,8 @@ def main(config: DictConfig) -> None:
         garments(evaluations, console, folder)
     if has_runs(config.runs) or not evaluations:
         settings = {name: config[name] for name in ("ablations", "seeds", "map_fabrics")}
-        laws, maps = write_trainings(find_runs(config.runs), folder, console, **settings)
+        makers = list(conf.instantiate(config.tables).values())
+        laws, maps = write_trainings(find_runs(config.runs), folder, console, **settings, makers=makers)
     written = page.write(evaluations, config.runs, laws, maps)
     console.print(f"page: {written}", soft_wrap=True)
 

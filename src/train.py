@@ -12,20 +12,12 @@ from omegaconf import DictConfig
 
 from drape import config as conf
 from drape.evaluation.run import evaluate_config
-from drape.metrics.record import EvaluationRecord, SimulatorRecord
+from drape.metrics.record import VARIANT, EvaluationRecord, SimulatorRecord
 from drape.report.garment_tables import kinds_table
 from drape.report.summary import summary
 from drape.training.run import train
 
-GROUPS = {
-    "model": "model",
-    "ablation": "ablation",
-    "material": "material",
-    "scale": "scale",
-    "loss": "loss",
-    "potential": "model/potential",
-    "dissipation": "model/dissipation",
-}
+GROUPS = {name: name for name in ("model", "ablation", "material", "scale")} | VARIANT
 """Name in the record of a run -> config group."""
 
 
@@ -33,6 +25,7 @@ GROUPS = {
 def main(config: DictConfig) -> None:
     conf.check_ablation()
     choices = {name: conf.chosen(group) for name, group in GROUPS.items()}
+    choices["label"] = conf.label(config)
     choices["command"] = conf.command_line("train", conf.typed())
     folder = Path(HydraConfig.get().runtime.output_dir)
     finish(config, folder, train(config, folder, choices))

@@ -13,13 +13,14 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from drape.config import check_config, instantiate
+from drape.config import check_config, instantiate, label
 from drape.config.ablation import NONE, compare_ablations
 from drape.config.entry_point import CONF
+from drape.config.pages import page as parsed
 from drape.errors import DrapeError
 from tests.composing import composing
 
-SUPPLIED = {"datamodule": ["fabrics"], "training": ["metrics", "data"]}
+SUPPLIED = {"datamodule": ["fabrics"], "training": ["known", "data"]}
 """What src/train.py adds to the arguments itself."""
 
 NEEDED = {("scene", "custom"): ["scene.mesh=shirt.obj"], ("simulator", "neural"): ["simulator.checkpoint=last.ckpt"]}
@@ -115,6 +116,21 @@ def test_every_network_takes_every_cloth(network, cloths):
     model = checked("train", ["model=mgn", *choice]).model
     assert model.network.network.attributes == (4 if cloths.startswith("phys") else 5)
     assert ("potential" in model) == (cloths == "eunet")
+
+
+def test_every_row_and_every_ablation_has_a_label():
+    """Its own one, in the file that defines it."""
+    labels = {file.stem: parsed(file).tree.get("label") for file in (CONF / "model").glob("*.yaml")}
+    assert all(labels.values())
+    assert len(set(labels.values())) == len(labels) > 10
+    taken = {name: parsed(CONF / "ablation" / f"{name}.yaml").tree["ablation"] for name in ABLATIONS}
+    assert [name for name, told in taken.items() if list(told) != [name]] == []
+
+
+def test_the_label_of_a_row_is_followed_by_what_is_taken_away():
+    ablated = composed("train", ["model=mgn_s_eunet", "ablation=no_bending"])
+    assert label(ablated) == "MGN-S+EUNet w/o bending"
+    assert label(composed("train", ["ablation=[no_dissipation,no_contrastive]"])) == "EUNet w/o L_con w/o Φd"
 
 
 @pytest.mark.parametrize("name", ABLATIONS)

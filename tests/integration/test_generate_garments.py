@@ -121,7 +121,7 @@ def test_the_same_command_again_simulates_nothing(straight: tuple[GarmentFile, s
 def test_an_unknown_source_is_a_sentence(tmp_path: Path) -> None:
     run = generate(tmp_path / "garments.h5", "data.source=smpl")
     assert run.code != 0
-    assert "data.source: found 'smpl'; expected garments, recorded, cloth3d, vto" in run.err
+    assert "data.source: found 'smpl'; expected garments, cloth3d, recorded, vto" in run.err
 
 
 @needs_anny

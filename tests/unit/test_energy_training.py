@@ -13,7 +13,7 @@ from drape.data.hdf5_writer import write_trajectories
 from drape.energy.law.step_energies import StepEnergies
 from drape.loss.energy_balance import EnergyBalance
 from drape.loss.force_residual import ForceResidual
-from drape.metrics.family import energy_metrics
+from drape.metrics.energy_error import EnergyError
 from drape.scene.material import ATTRIBUTES
 from drape.training.curriculum import curriculum
 from drape.training.energy_training import EnergyTraining
@@ -39,7 +39,8 @@ def training(seed: int = 0, schedule=lambda progress: 1.0, **about: int) -> Alon
         {"balance": EnergyBalance(2.0), "force": ForceResidual(3.0, bend=1.0)},
         lambda parameters: torch.optim.SGD(parameters, lr=0.5),
         schedule,
-        energy_metrics(FABRICS),
+        {"energy_error": EnergyError},
+        {"fabrics": FABRICS},
         seed,
     )
     for name, value in about.items():

@@ -118,12 +118,16 @@ def test_solvers_stand_below_by_their_names():
         ("mgn", "none", "MGN"), ("layersnet", "none", "LayersNet"), ("mgn_s_phys", "none", "MGN-S+PHYS"),
         ("mgn_s_phys_f", "none", "MGN-S+PHYS+F"), ("hood", "none", "HOOD"), ("hood", "no_estimation", "HOOD w/o EST"),
         ("mgn_s_eunet", "none", "MGN-S+EUNet"), ("mgn_h_eunet", "none", "MGN-H+EUNet"),
-        ("mgn_s_eunet", "no_bending", "MGN-S+EUNet w/o bending"), ("mgn", "no_bending", "MGN (no_bending)"),
+        ("mgn_s_eunet", "no_bending", "MGN-S+EUNet w/o bending"), ("mine", "no_bending", "mine no_bending"),
         ("mine", "none", "mine"),
     ],
 )  # fmt: skip
 def test_rows_have_the_papers_names(row: str, ablation: str, label: str):
     assert row_label(record("any", 1.0, trained(row, ablation=ablation))) == label
+
+
+def test_a_record_says_what_its_row_is_called():
+    assert row_label(record("any", 1.0, trained("mgn", label="Mine"))) == "Mine"
 
 
 def test_solvers_are_named_by_their_energies_unless_the_user_has_named_them():

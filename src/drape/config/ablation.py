@@ -60,7 +60,7 @@ def compare_ablations(compose: Compose, overrides: list[str], names: list[str], 
 
 def _plain(config: DictConfig, group: str) -> dict[str, Any]:
     plain = OmegaConf.to_container(config, resolve=False)
-    return {name: node for name, node in plain.items() if name not in ("hydra", group)}
+    return {name: node for name, node in plain.items() if name not in ("hydra", "label", group)}
 
 
 def _choices(config: DictConfig) -> dict[str, str]:

@@ -19,7 +19,7 @@ from drape.config.sentences import causes, did_you_mean
 from drape.config.target import locate, why_not
 from drape.errors import DrapeError
 
-SUPPLIED = {"datamodule": ["fabrics"], "training": ["metrics", "data"]}
+SUPPLIED = {"datamodule": ["fabrics"], "training": ["known", "data"]}
 """Arguments that the program adds itself, by the path of the object."""
 INSTRUCTIONS = {"_target_", "_partial_", "_recursive_", "_convert_", "_args_"}
 """Keys that Hydra keeps for itself, in addition to the arguments of a ``_target_``."""
@@ -90,11 +90,12 @@ def contents_nodes(contents: str) -> set[str]:
 
     Options that stand at the top themselves (``@package _global_``) may add theirs.
     """
-    tree = page(CONF / f"{contents}.yaml").tree
+    tree, folder = page(CONF / f"{contents}.yaml").tree, contents.rpartition("/")[0]
     nodes = set(tree) - {"defaults"}
     for entry in tree.get("defaults", []):
         if isinstance(entry, str):
-            nodes |= set() if entry == "_self_" else contents_nodes(entry.strip("/"))
+            other = entry.strip("/") if entry[0] == "/" or not folder else f"{folder}/{entry}"
+            nodes |= set() if entry == "_self_" else contents_nodes(other)
             continue
         group, _, package = next(iter(entry)).split()[-1].strip("/").partition("@")
         nodes.add((package or group).split("/")[0].split(".")[0])

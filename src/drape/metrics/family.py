@@ -1,42 +1,36 @@
-"""All metrics of a learned energy, by name."""
+"""The metrics of a learned energy, as ``conf/metrics/energy.yaml`` lists them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping
 
 from torchmetrics import MetricCollection
 
-from drape.energy.law.spring_hinge import SpringHingeLaw
-from drape.metrics.contrastive import ContrastiveViolations, VertexInequalities
-from drape.metrics.energy_error import EnergyError
-from drape.metrics.force import ForceResidual, InertialForce, SpringHingeResidual
-from drape.metrics.rest_state import RestState
-from drape.metrics.stiffness import StretchStiffness
+from drape.errors import DrapeError
+from drape.metrics.fabric_metric import FabricMetric
 
 
-def energy_metrics(
-    fabrics: Sequence[str],
-    *,
-    contrastive: VertexInequalities | None = None,
-    tension: Mapping[str, float] | None = None,
-    law: SpringHingeLaw | None = None,
-) -> MetricCollection:
+def energy_metrics(makers: Mapping[str, Callable[..., FabricMetric]], known: Mapping[str, object]) -> MetricCollection:
     """The metrics of an energy; ``compute()`` gives one flat dictionary ``quantity_unit/fabric`` -> number.
 
-    Always: ``energy_error``, ``force_residual``, ``inertial_force`` and ``rest_state``. ``violations`` needs the
-    contrastive loss whose inequalities are counted, ``stretch_stiffness`` Blender's tension stiffness of each fabric,
-    ``spring_hinge`` the fitted law; what is not given is not measured.
+    Args:
+        makers: by name, what makes a metric of those of ``known`` that it asks for.
+        known: of the data: ``fabrics`` (names, in order), ``tension`` (Blender's tension stiffness of each), ``law``
+            (a spring-hinge law, fitted).
+
+    Raises:
+        DrapeError: a metric asks for something else.
     """
-    metrics = {
-        "energy_error": EnergyError(fabrics),
-        "force_residual": ForceResidual(fabrics),
-        "inertial_force": InertialForce(fabrics),
-        "rest_state": RestState(fabrics),
-    }
-    if contrastive is not None:
-        metrics["violations"] = ContrastiveViolations(fabrics, contrastive)
-    if tension is not None:
-        metrics["stretch_stiffness"] = StretchStiffness(fabrics, tension)
-    if law is not None:
-        metrics["spring_hinge"] = SpringHingeResidual(fabrics, law)
-    return MetricCollection(metrics, compute_groups=False)
+    return MetricCollection({name: _made(name, make, known) for name, make in makers.items()}, compute_groups=False)
+
+
+def _made(name: str, make: Callable[..., FabricMetric], known: Mapping[str, object]) -> FabricMetric:
+    asked = inspect.signature(make).parameters
+    open_ones = [key for key, argument in asked.items() if argument.default is argument.empty and key not in known]
+    if open_ones:
+        raise DrapeError(
+            f"conf: metrics.{name}: found no value for {', '.join(open_ones)}; expected one in its option, as the data "
+            f"only give {', '.join(known)}"
+        )
+    return make(**{key: known[key] for key in asked if key in known})

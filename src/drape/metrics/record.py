@@ -15,6 +15,8 @@ from drape.metrics.fabric_metric import OVERALL
 FILE = "metrics.json"
 """Of trainings of energies, and of evaluations."""
 VERSION = 1
+VARIANT = {"potential": "model/potential", "dissipation": "model/dissipation", "loss": "loss"}
+"""Name in ``variant`` of a record -> config group."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class RunRecord:
     """Option of the group ``ablation``; several joined by ``+``."""
     seed: int
     variant: Mapping[str, str]
-    """Other choices that make it another model or another training: ``{"potential": "mlp", "loss": "paper"}``."""
+    """Options of the groups of :data:`VARIANT`, which make it another model or another training."""
     setting: Mapping[str, str | int]
     """What two runs must share to be compared: ``data``, ``material``, ``scale``, ``width``, ``steps`` (those done)."""
     metrics: Mapping[str, float]
@@ -36,6 +38,8 @@ class RunRecord:
     provenance: Mapping[str, object]
     """``command`` ("python src/train.py" and Hydra's task overrides), ``data`` (path), ``train_sequences``,
     ``test_sequences``, ``seconds`` (of training), ``parameters``, ``versions`` (by package) and whatever else helps."""
+    label: str = ""
+    """What reports call it; empty in records of before there were labels."""
     folder: Path = field(default=Path(), compare=False)
     """Where it was read from; not stored."""
 
@@ -51,9 +55,9 @@ class RunRecord:
             DrapeError: no such file, not JSON, another format, or an entry that is missing or of the wrong kind.
         """
         path = Path(folder) / FILE
-        kinds = {"model": str, "ablation": str, "seed": int}
+        kinds = {"model": str, "label": str, "ablation": str, "seed": int}
         kinds |= dict.fromkeys(("variant", "setting", "metrics", "provenance"), dict)
-        content = _load(path, cls.FORMAT, kinds, "run it again")
+        content = _load(path, cls.FORMAT, kinds, "run it again", {"label": ""})
         for mapping, name in REQUIRED:
             if name not in content[mapping]:
                 raise DrapeError(f"{path}: {mapping} has no {name}; it has {', '.join(content[mapping])}; run it again")
@@ -130,8 +134,8 @@ class SimulatorRecord:
     FILE: ClassVar[str] = "simulator.json"
     FORMAT: ClassVar[str] = "drape simulator"
     training: Mapping[str, object]
-    """``row`` (option of the group ``model``), ``ablation``, ``scale``, ``seed``, ``iterations``, ``seconds``,
-    ``parameters``, ``command``, ..."""
+    """``row`` (option of the group ``model``), ``label``, ``ablation``, ``scale``, ``seed``, ``iterations``,
+    ``seconds``, ``parameters``, ``command``, ..."""
     watched: Mapping[str, float]
     """Scores of the sequences that were watched; see :func:`drape.metrics.rollout_scores.rollout_scores`."""
 
@@ -147,9 +151,11 @@ def _save(record: RunRecord | EvaluationRecord, folder: Path | str) -> Path:
     return write_json(Path(folder) / FILE, content)
 
 
-def _load(path: Path, form: str, kinds: Mapping[str, type], again: str) -> dict:
-    """The entries of a record that ``kinds`` names."""
-    content = read_json(path)
+def _load(
+    path: Path, form: str, kinds: Mapping[str, type], again: str, otherwise: Mapping[str, object] | None = None
+) -> dict:
+    """The entries of a record that ``kinds`` names; ``otherwise``: those that older records lack."""
+    content = {**(otherwise or {}), **read_json(path)}
     found = content.get("format"), content.get("version")
     if found != (form, VERSION):
         raise DrapeError(f"{path}: format and version are {found}; expected {(form, VERSION)}; {again}")

@@ -9,7 +9,7 @@ from drape.report.garment_tables import garment_tables
 from drape.report.provenance import describe_setting, missing, provenance
 from drape.report.runs import Configuration, by_setting, configurations
 from drape.report.table import Table
-from drape.report.tables import arranged, energy_error_table, force_table, is_papers, orderings, paper, quantity_tables
+from drape.report.tables import TableOf, arranged, energy_error_table, force_table, is_papers, paper
 
 
 def settings_of(runs: Sequence[RunRecord], ablations: Sequence[str]) -> list[list[Configuration]]:
@@ -18,17 +18,18 @@ def settings_of(runs: Sequence[RunRecord], ablations: Sequence[str]) -> list[lis
     return sorted(groups, key=lambda found: -sum(len(c.runs) for c in found if is_papers(c)))
 
 
-def tables(found: Sequence[Configuration]) -> list[Table]:
-    """All tables of configurations that share their setting; those without rows left out."""
-    candidates = [energy_error_table(found), orderings(found), force_table(found), *quantity_tables(found)]
-    return [table for table in candidates if table.rows]
+def tables(found: Sequence[Configuration], makers: Sequence[TableOf]) -> list[Table]:
+    """The tables of configurations that share their setting; those without rows left out."""
+    return [table for table in (make(found) for make in makers) if table.rows]
 
 
-def document(runs: Sequence[RunRecord], ablations: Sequence[str], seeds: Sequence[int]) -> str:
+def document(
+    runs: Sequence[RunRecord], ablations: Sequence[str], seeds: Sequence[int], makers: Sequence[TableOf]
+) -> str:
     """Markdown of all tables with what made them; for the main setting also the commands of missing runs."""
     sections = ["# The constitutive law, learned", "", f"Numbers in the paper: {paper()['source']}.", ""]
     main, *others = settings_of(runs, ablations)
-    sections += _section(main, tables(main))
+    sections += _section(main, tables(main, makers))
     commands = missing(main, ablations, seeds)
     if commands:
         sections += ["### Missing runs", "", "```", *commands, "```", ""]

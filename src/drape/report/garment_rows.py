@@ -16,6 +16,7 @@ import yaml
 from drape.errors import DrapeError
 from drape.metrics.fabric_metric import OVERALL
 from drape.metrics.record import EvaluationRecord
+from drape.report.rows import row_name
 from drape.report.runs import Spread, seed_of
 from drape.simulators.choice import chosen_budget
 
@@ -102,7 +103,7 @@ def is_twin(record: EvaluationRecord) -> bool:
 
 
 def training_of(record: EvaluationRecord) -> Mapping[str, Any]:
-    """``method["training"]``: row, ablation, scale, seed, iterations, seconds, parameters, command; or nothing.
+    """``method["training"]``: row, label, ablation, scale, seed, iterations, seconds, parameters, command; or nothing.
 
     Raises:
         DrapeError: it is no mapping, or does not say which row it is.
@@ -117,16 +118,14 @@ def training_of(record: EvaluationRecord) -> Mapping[str, Any]:
 
 
 def row_label(record: EvaluationRecord) -> str:
-    """The paper's name of a trained simulator, solver and energy, or else the name of the evaluation."""
+    """The label of a trained simulator, solver and energy, or else the name of the evaluation."""
     if is_twin(record):
         return FLOOR
     training = training_of(record)
     if not training:
         name = str(record.method["name"])
         return _solver(record) or (OF_SEED.sub("", name) if seed_of(record) is not None else name)
-    row, ablation = training["row"], str(training.get("ablation", "none"))
-    known = published()["labels"].get(row, {"none": row})
-    return known.get(ablation, f"{known['none']} ({ablation})")
+    return row_name(str(training.get("label", "")), training["row"], str(training.get("ablation", "none")))
 
 
 def _solver(record: EvaluationRecord) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from drape.metrics.fabric_metric import OVERALL
+from drape.report.rows import row, row_name
 from drape.report.runs import Configuration, Spread
 from drape.report.table import Table, number
 
@@ -18,39 +19,33 @@ OF_PAPER = "– in the paper"
 """Label of the row below ours with the paper's numbers."""
 BASELINES = {"inertial_force_N": "no internal force", "spring_hinge_residual_N": "fitted spring-hinge law"}
 """What a force residual is compared with."""
-QUANTITIES = {
-    "stretch_stiffness_ratio": "Stiffness: ∂²φp/∂Δl² at rest / constant of Blender's springs [1]",
-    "stretch_secant_ratio": "Stiffness where the cloth is: fitted slope of ∂φp/∂Δl / constant of Blender's springs [1]",
-    "violated_share": "Contrast: share of small displacements of a vertex that lower the energy [1]",
-    "rest_above_minimum_J": "Rest: φp at rest above its minimum along Δl, mean over edges [J]",
-    "rest_force_N": "Rest: largest force on a vertex of the undeformed cloth [N]",
-}
+TableOf = Callable[[Sequence[Configuration]], Table]
+"""Makes a table of configurations that share their setting; ``conf/tables/`` lists them."""
 
 
 @cache
 def paper() -> Mapping[str, Any]:
     """The published numbers (``paper.yaml``)."""
-    return yaml.safe_load((resources.files("drape.report") / "paper.yaml").read_text())
+    return yaml.safe_load((resources.files("drape.report") / "paper.yaml").read_text(encoding="utf-8"))
 
 
 def departures(configuration: Configuration) -> dict[str, str]:
-    """Choices in which a configuration differs from what its model is made of, other than by its ablation."""
-    expected = paper()["variants"].get(configuration.model, {}) | paper()["ablated"].get(configuration.ablation, {})
-    return {name: choice for name, choice in configuration.variant.items() if expected.get(name) != choice}
+    """Choices in which a configuration differs from what its row is made of."""
+    expected = row(configuration.model, configuration.ablation)
+    made_of = expected.options if expected else {}
+    return {name: choice for name, choice in configuration.variant.items() if made_of.get(name) != choice}
 
 
 def is_papers(configuration: Configuration) -> bool:
     """Whether the paper has a number for this configuration."""
-    same = configuration.model == paper()["model"] and not departures(configuration)
-    return same and configuration.ablation in paper()["rows"]
+    return label(configuration) in paper()["rows"]
 
 
 def label(configuration: Configuration) -> str:
-    """Name of a configuration: model, what was taken away, and what else differs."""
-    model = paper()["models"].get(configuration.model, configuration.model)
-    ablation = paper()["ablations"].get(configuration.ablation, configuration.ablation)
+    """Name of a configuration: that of its row, and what else differs."""
+    name = row_name(configuration.runs[-1].label, configuration.model, configuration.ablation)
     other = ", ".join(f"{name}={choice}" for name, choice in departures(configuration).items())
-    return " ".join(filter(None, (model, ablation, f"({other})" if other else "")))
+    return f"{name} ({other})" if other else name
 
 
 def arranged(found: Sequence[Configuration], ablations: Sequence[str]) -> list[Configuration]:
@@ -59,9 +54,8 @@ def arranged(found: Sequence[Configuration], ablations: Sequence[str]) -> list[C
 
     def place(configuration: Configuration) -> tuple:
         other = departures(configuration)
-        known = list(paper()["models"])
-        model = known.index(configuration.model) if configuration.model in known else len(known)
-        return model, configuration.model, sorted(other.items()), rank.get(configuration.ablation, len(rank))
+        others = configuration.model != paper()["model"]
+        return others, configuration.model, sorted(other.items()), rank.get(configuration.ablation, len(rank))
 
     return sorted(found, key=place)
 
@@ -83,7 +77,7 @@ def energy_error_table(found: Sequence[Configuration]) -> Table:
         cells = [spread_cell(m, s) for m, s in zip(means, spreads, strict=True)]
         rows.append((label(configuration), str(len(configuration.seeds)), *cells))
         if is_papers(configuration):
-            published = paper()["rows"][configuration.ablation]
+            published = paper()["rows"][label(configuration)]
             cells = [f"{published[n][0]:.2f} ± {published[n][1]:.2f}" if n in published else "" for n in names]
             rows.append((OF_PAPER, "", *cells))
     note = f"Mean ± standard deviation over all test windows. {OVER_SEEDS}"
@@ -106,22 +100,19 @@ def force_table(found: Sequence[Configuration]) -> Table:
     return Table(title, ("configuration", "seeds", *names), tuple(rows), note)
 
 
-def quantity_tables(found: Sequence[Configuration]) -> list[Table]:
-    """One table for each other quantity that the runs have."""
-    tables = []
-    for key, title in QUANTITIES.items():
-        names = columns(found, key)
-        if names:
-            tables.append(Table(title, ("configuration", "seeds", *names), tuple(_rows(found, key, names)), OVER_SEEDS))
-    return tables
+def quantity_table(found: Sequence[Configuration], key: str, title: str) -> Table:
+    """One metric ``key`` by fabrics; without rows where no run has it."""
+    names = columns(found, key)
+    rows = tuple(_rows(found, key, names)) if names else ()
+    return Table(title, ("configuration", "seeds", *names), rows, OVER_SEEDS)
 
 
 def orderings(found: Sequence[Configuration]) -> Table:
     """Which of the paper's claims "a is better than b" the runs show, by their energy error."""
-    ours = {c.ablation: c for c in found if is_papers(c)}
+    ours = {label(c): c for c in found if is_papers(c)}
     names = columns(list(ours.values()), "energy_error_J2") if ours else []
     rows = [
-        (f"{label(ours[first])} < {label(ours[second])}", *_verdicts(ours[first], ours[second], names))
+        (f"{first} < {second}", *_verdicts(ours[first], ours[second], names))
         for first, second in paper()["orderings"]
         if first in ours and second in ours
     ]

@@ -15,6 +15,7 @@ from drape.report.learned import learned_energies, learned_fabrics
 from drape.report.provenance import describe_setting, missing
 from drape.report.summary import summary
 from drape.report.table import Table
+from drape.report.tables import TableOf
 from drape.report.training_trade import draw_training_trade
 
 
@@ -26,20 +27,21 @@ def write_trainings(
     ablations: Sequence[str],
     seeds: Sequence[int],
     map_fabrics: Sequence[str],
+    makers: Sequence[TableOf],
 ) -> tuple[list[Table], list[Path]]:
     """Write ``tables.md`` and figures of ``runs`` to ``folder``, and the curves of each run to its own folder.
 
     Returns the tables of the main setting, and maps of its energies, one panel for each of ``map_fabrics`` that was
-    learned. What is missing to complete them is said for ``ablations`` and ``seeds``.
+    learned. What is missing to complete them is said for ``ablations`` and ``seeds``; ``makers`` make the tables.
     """
     found = settings_of(runs, ablations)[0]
     console.rule(describe_setting(found[0].setting))
-    laws, maps = tables(found), []
+    laws, maps = tables(found, makers), []
     for table in laws:
         console.print(table.terminal(), "")
     for command in missing(found, ablations, seeds):
         console.print(f"missing: {command}", soft_wrap=True)
-    (folder / "tables.md").write_text(document(runs, ablations, seeds))
+    (folder / "tables.md").write_text(document(runs, ablations, seeds, makers), encoding="utf-8")
     of_main = [run for run in runs if all(run.setting[k] == found[0].setting[k] for k in ("data", "material"))]
     figures = [draw_training_trade(of_main, folder / "trade_training.png")]
     energies = learned_energies(found)

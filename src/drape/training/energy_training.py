@@ -18,9 +18,9 @@ from drape.energy.law.eunet import EUNet
 from drape.energy.law.spring_hinge import SpringHingeLaw
 from drape.energy.law.step_energies import StepEnergies
 from drape.errors import DrapeError
-from drape.loss.contrastive import Contrastive
 from drape.loss.term import LossTerm, loss_values
 from drape.metrics import record
+from drape.metrics.fabric_metric import FabricMetric
 from drape.metrics.family import energy_metrics
 from drape.training.captured_step import CapturedStep
 from drape.training.schedule import Schedule
@@ -29,8 +29,6 @@ LAW_WINDOWS = 1024
 """Training windows that the spring-hinge law is fitted on, evenly spaced."""
 CHECKED_EVERY = 10
 """Steps between two looks at the losses on a GPU, which has to wait for them; checkpoints are written after one."""
-METRIC_SIGMA = 1e-5
-"""Largest standard deviation of the disturbances whose violations are counted [m]."""
 
 
 class EnergyTraining(lightning.LightningModule):
@@ -41,7 +39,8 @@ class EnergyTraining(lightning.LightningModule):
         loss: terms by name; the names are the log keys ``train/loss/<name>``.
         optimizer: makes the optimiser from the parameters.
         schedule: learning rate over the progress of the training.
-        metrics: for validation and test, logged as ``val/...`` and ``test/...``.
+        metrics: make those of validation and test, logged as ``val/...`` and ``test/...``.
+        known: what they may ask of the data; see :func:`drape.metrics.family.energy_metrics`.
         seed: random disturbances depend on it and on the number of the step only.
 
     Raises:
@@ -57,7 +56,8 @@ class EnergyTraining(lightning.LightningModule):
         loss: Mapping[str, LossTerm],
         optimizer: Callable[..., torch.optim.Optimizer],
         schedule: Schedule,
-        metrics: MetricCollection,
+        metrics: Mapping[str, Callable[..., FabricMetric]],
+        known: Mapping[str, object],
         seed: int,
     ):
         super().__init__()
@@ -65,8 +65,8 @@ class EnergyTraining(lightning.LightningModule):
             raise DrapeError("loss: no term is left to train on; choose one, for example loss/energy_balance=squared")
         self.energy = energy
         self.loss = nn.ModuleDict(loss)
-        self.val_metrics = metrics.clone()
-        self.test_metrics = metrics.clone()
+        self.val_metrics = energy_metrics(metrics, known)
+        self.test_metrics = self.val_metrics.clone()
         self._make_optimizer = optimizer
         self._schedule = schedule
         self._seed = seed
@@ -76,11 +76,10 @@ class EnergyTraining(lightning.LightningModule):
 
     @staticmethod
     def supplied(data: TrajectoryDataModule) -> dict[str, object]:
-        """What the data give to the constructor: metrics, among them the bar that a fitted spring-hinge law sets."""
+        """What the data give to the constructor: what metrics may ask for."""
         law = SpringHingeLaw.fit(data.windows_apart(LAW_WINDOWS, data.eval_batch_size, ()), len(data.file.fabrics))
         tension = {name: float(material["tension_stiffness"]) for name, material in data.file.materials.items()}
-        contrastive = Contrastive(weight=1.0, sigma=METRIC_SIGMA)
-        return {"metrics": energy_metrics(data.file.fabrics, contrastive=contrastive, tension=tension, law=law)}
+        return {"known": {"fabrics": data.file.fabrics, "tension": tension, "law": law}}
 
     def described(
         self, config: dict[str, Any], choices: Mapping[str, str], data: TrajectoryDataModule, seconds: float
@@ -173,9 +172,10 @@ class EnergyTraining(lightning.LightningModule):
         results = self.trainer.test(self, data, verbose=False)[0]
         return record.RunRecord(
             model=choices["model"],
+            label=choices["label"],
             ablation=choices["ablation"],
             seed=config["seed"],
-            variant={name: choices[name] for name in ("potential", "dissipation", "loss") if name in choices},
+            variant={name: choices[name] for name in record.VARIANT if name in choices},
             setting={
                 "data": config["data"]["name"],
                 "material": choices["material"],

@@ -21,6 +21,9 @@ from drape.training.continuation import alone, newest
 from drape.training.loggers import close_loggers, open_loggers
 from drape.training.messages import silence
 
+UNTOLD = ("callbacks", "logger", "label", "ablation")
+"""Nodes of a config that change no number."""
+
 
 def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> Path:
     """Train what ``config`` says, in ``folder``; continue there if it was interrupted, return the record if finished.
@@ -31,7 +34,7 @@ def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> Path:
     Args:
         config: composed from ``conf/train.yaml``.
         folder: run directory; gets ``config.yaml`` (resolved), ``checkpoints/``, logs and the record.
-        choices: options of the groups, for the record.
+        choices: options of the groups, label and command, for the record.
 
     Raises:
         DrapeError: mistakes in the config, faulty data, or another config in the folder.
@@ -98,8 +101,8 @@ def _finished(plain: dict[str, Any], folder: Path, record: Path) -> bool:
 
 
 def _result(config: dict[str, Any]) -> set[tuple[str, str]]:
-    """The values that decide what comes out; who watches and where it is logged does not."""
-    return set(_leaves({name: node for name, node in config.items() if name not in ("callbacks", "logger")}).items())
+    """The values that decide what comes out; who watches, where it is logged and what it is called does not."""
+    return set(_leaves({name: node for name, node in config.items() if name not in UNTOLD}).items())
 
 
 def _leaves(tree: Any, path: str = "") -> dict[str, str]:

@@ -209,6 +209,7 @@ class SimulatorTraining(lightning.LightningModule):
         return SimulatorRecord(
             training={
                 "row": choices["model"],
+                "label": choices["label"],
                 "ablation": choices["ablation"],
                 "material": choices["material"],
                 "scale": choices["scale"],

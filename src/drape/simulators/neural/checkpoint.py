@@ -38,7 +38,7 @@ class Trained(NamedTuple):
     network: nn.Module
     cloths: Cloths
     training: dict[str, Any]
-    """How it came about: row, ablation, scale, seed, iterations, seconds, parameters, command."""
+    """How it came about: row, label, ablation, scale, seed, iterations, seconds, parameters, command."""
 
 
 def describe_simulator(
