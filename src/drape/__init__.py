@@ -16,7 +16,7 @@ PUBLIC = {
     "ClothMesh": "drape.scene.mesh",
     "DrapeError": "drape.errors",
     "EUNet": "drape.energy.eunet",
-    "GarmentFile": "drape.data.garment_hdf5",
+    "GarmentFile": "drape.data.hdf5",
     "ImplicitSolver": "drape.simulators.implicit",
     "IncrementalPotential": "drape.energy.incremental_potential",
     "Material": "drape.scene.material",

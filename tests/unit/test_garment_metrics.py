@@ -11,8 +11,8 @@ import trimesh
 
 from drape.contact.penetration import Penetration, distances
 from drape.contact.surface_points import SurfacePoints
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import recorded_scene
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import recorded_scene
 from drape.errors import DrapeError
 from drape.metrics.collision import behind_nearest_vertex, vertex_normals
 from drape.metrics.drift import energy_drift, momentum_drift

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from drape.contact.nearest_faces import NearestFaces
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import recorded_scene
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import recorded_scene
 from drape.energy.contact import SurfaceContact
 from drape.energy.phys_material import PhysMaterial
 from drape.energy.step import ObstacleStep, Step

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from drape.data.garment_scene import START
-from drape.data.garment_sequence import GarmentSequence
+from drape.data.recorded_scene import START
+from drape.data.sequence import GarmentSequence
 from drape.errors import DrapeError
 from drape.scene.follow import follow
 from drape.scene.scene import Scene
