@@ -10,7 +10,8 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from drape import config as conf
-from drape.data.trajectories import Trajectories, open_trajectories
+from drape.data.hdf5 import GarmentFile
+from drape.data.trajectories import open_trajectories
 from drape.report.law_card import write_law_card
 
 FINE = ("table.step=0.125", "bounds.energy=2e-2", "bounds.force=0.1")
@@ -24,22 +25,21 @@ def main(config: DictConfig) -> None:
     scale = [f"scale={conf.chosen('scale')}", *(each for each in conf.typed() if each.startswith("scale."))]
     step("generate", *told)
     step("train", "model=eunet_hinge", *told, *scale, f"seed={config.seed}", f"hydra.run.dir={folder}")
-    file = open_trajectories(path)
-    for fabric in file.fabrics:
+    for fabric in (file := open_trajectories(path)).fabrics:
         tabulate(file, fabric, folder)
         print(write_law_card(path, fabric, folder))
 
 
-def tabulate(file: Trajectories, fabric: str, folder: Path) -> None:
+def tabulate(file: GarmentFile, fabric: str, folder: Path) -> None:
     """Bake the law of one fabric and animate its held-out sequences, unless that has been done since it was trained."""
     table, checkpoint = folder / f"{fabric}.npz", folder / "checkpoints" / "last.ckpt"
     own = [f"fabric.name={fabric}", f"fabric.source={file.path}"]
     if not table.exists() or table.stat().st_mtime < checkpoint.stat().st_mtime:
         step("bake", f"checkpoint={checkpoint}", "fabric=own", *own, f"path={table}", *FINE)
-    held = [int(number) for number in file.split("test") if file.fabrics[file.fabric[number]] == fabric]
+    held = [each for each in file.sequences if (each.split, each.fabric) == ("test", fabric)]
     measured = folder / f"held_out_{fabric}"
     if not (measured / "held_out.csv").exists() or (measured / "held_out.csv").stat().st_mtime < table.stat().st_mtime:
-        frames = min(file.frames_of(number) for number in held) - 2
+        frames = min(each.num_frames for each in held) - 2
         step(
             "benchmark", "measure=held_out_own", f"measure.path={file.path}", f"fabrics.own.name={fabric}",
             f"energies.eunet_baked.table={table}", f"measure.sequences={len(held)}", f"measure.frames={frames}",

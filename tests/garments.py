@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import trimesh
 import yaml
 
 from drape.config.entry_point import CONF
-from drape.data.garment_writer import GarmentHeader, StoredBody, StoredGarment, StoredGarmentSequence, write_garments
+from drape.data.hdf5_writer import data_writer
+from drape.data.stored_part import Header, Part, StoredBody, StoredGarment, StoredSequence
 
 FPS = 30.0
 FRAMES = 6
@@ -67,6 +69,16 @@ def settings(fabric: str) -> dict[str, float | str]:
     return values | {"preset": fabric.capitalize(), "quality": 10}
 
 
+def write_groups(
+    path: Path, header: Header, bodies: Mapping[str, StoredBody], garments: Mapping[str, StoredGarment],
+    sequences: Iterable[StoredSequence],
+) -> None:  # fmt: skip
+    """A file of sequences that name their bodies and garments; of unknown ones it is told nothing."""
+    with data_writer(path, header) as writer:
+        for sequence in sequences:
+            writer.add(Part(bodies.get(sequence.body), garments.get(sequence.garment), sequence))
+
+
 def write(path: Path, frames: int = FRAMES, **changes: object) -> Path:
     """Four sequences: a dress to train on; a silk dress, a denim skirt with a pinned top, a silk skirt to test on.
 
@@ -92,7 +104,7 @@ def write(path: Path, frames: int = FRAMES, **changes: object) -> Path:
         ("skirt", "silk", "test", {"body_positions": carried(points, frames)}),
     ]
     sequences = [
-        StoredGarmentSequence(
+        StoredSequence(
             **{
                 "name": f"{number:05d}", "body": "ball", "motion": "turn", "split": split, "garment": garment,
                 "fabric": fabric, "mass_per_vertex": 0.02, "friction": 0.3, "positions": recorded(frames),
@@ -100,6 +112,6 @@ def write(path: Path, frames: int = FRAMES, **changes: object) -> Path:
         )
         for number, (garment, fabric, split, more) in enumerate(rows)
     ]  # fmt: skip
-    header = GarmentHeader("test", FPS, (0.0, 0.0, -9.81), {name: settings(name) for name in FABRICS}, "{}")
-    write_garments(path, header, bodies, garments, sequences)
+    header = Header("test", FPS, (0.0, 0.0, -9.81), {name: settings(name) for name in FABRICS}, "{}")
+    write_groups(path, header, bodies, garments, sequences)
     return path

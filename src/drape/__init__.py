@@ -16,7 +16,7 @@ PUBLIC = {
     "ClothMesh": "drape.geometry.mesh",
     "DrapeError": "drape.errors",
     "EUNet": "drape.energy.law.eunet",
-    "GarmentFile": "drape.data.garment_hdf5",
+    "GarmentFile": "drape.data.hdf5",
     "ImplicitSolver": "drape.simulators.solver.implicit",
     "IncrementalPotential": "drape.energy.incremental_potential",
     "Material": "drape.scene.material",

@@ -25,8 +25,8 @@ from tests.integration.conftest import write_swaying
 
 from drape.config.resolvers import SHIPPED, _estimates
 from drape.data.animation_hdf5 import AnimationFile
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.hdf5 import TrajectoryFile
+from drape.data.hdf5 import GarmentFile
+from drape.data.trajectories import open_trajectories
 from drape.energy.law.baked.file import _digest, read_baked
 from drape.energy.law.load_law import load_law
 from drape.errors import DrapeError
@@ -51,11 +51,11 @@ class Case(NamedTuple):
 
 def read_cloth(path: Path) -> None:
     """As training does."""
-    file = TrajectoryFile(path)
-    for number in range(file.num_sequences):
-        file.positions(number)
-        file.piece(number)
-    for name in ("materials", "gravity", "dt", "attempts"):
+    file = open_trajectories(path)
+    for sequence in file.sequences:
+        for name in ("positions", "mesh", "pinned", "mass"):
+            getattr(sequence, name)
+    for name in ("materials", "gravity", "dt"):
         getattr(file, name)
 
 

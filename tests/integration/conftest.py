@@ -19,8 +19,8 @@ from hydra.core.hydra_config import HydraConfig
 
 from drape.config import set_statistics
 from drape.data import schema
-from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
 from drape.geometry.grid import square_grid
+from tests import trajectories
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = dict.fromkeys(schema.MATERIAL_ATTRIBUTES, 1.0)
@@ -46,19 +46,9 @@ def swaying(number: int, frames: int = 8) -> np.ndarray:
 
 def write_swaying(path: Path) -> Path:
     """Eight training and four test sequences of 5 x 5 vertices, eight frames, four fabrics."""
-    header = DatasetHeader(
-        mesh=square_grid(1.0, 5),
-        pinned=np.array([0, 4]),
-        materials=FABRICS,
-        fps=30.0,
-        gravity=(0.0, 0.0, -9.81),
-        seed=0,
-        blender_version="none",
-        config="{}",
-    )
-    rows = [StoredSequence(swaying(i), fabric=i % 4, split=int(i >= 8), attempts=1) for i in range(12)]
-    write_trajectories(path, header, rows, len(rows))
-    return path
+    header = trajectories.header(materials=FABRICS, seed=0, source="none", config="{}")
+    rows = trajectories.sequences_of([swaying(i) for i in range(12)], tuple(FABRICS), training=8)
+    return trajectories.write(path, header, rows, square_grid(1.0, 5), (0, 4))
 
 
 @pytest.fixture(scope="session")

@@ -19,8 +19,8 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 
 from drape.data.animation_hdf5 import AnimationFile
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_writer import GarmentHeader, StoredBody, StoredGarmentSequence, write_garments
+from drape.data.hdf5 import GarmentFile
+from drape.data.stored_part import Header, StoredBody, StoredSequence
 from tests import garments
 from tests.integration.conftest import ROOT, Run, program
 
@@ -218,9 +218,9 @@ def test_mistakes_are_sentences_before_any_work(run, tmp_path, overrides, words)
 
 def test_the_motion_of_a_body_alone_cannot_be_evaluated(run, tmp_path):
     points, faces = garments.tube()
-    alone = StoredGarmentSequence("00000", "body", "walk", "test", body_positions=garments.carried(points))
-    header = GarmentHeader("vto", 30.0, (0.0, 0.0, -9.81), {}, "{}")
-    write_garments(tmp_path / "vto.h5", header, {"body": StoredBody(points, faces)}, {}, [alone])
+    alone = StoredSequence("00000", "body", "walk", "test", body_positions=garments.carried(points))
+    header = Header("vto", 30.0, (0.0, 0.0, -9.81), {}, "{}")
+    garments.write_groups(tmp_path / "vto.h5", header, {"body": StoredBody(points, faces)}, {}, [alone])
     done = run(f"data.path={tmp_path}/vto.h5", "simulator=frozen")
     assert done.code == 2
     assert "sequences/00000: found the motion of a body without recorded positions of a garment" in done.err

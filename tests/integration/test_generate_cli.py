@@ -9,12 +9,13 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from drape.data.hdf5 import TrajectoryFile
+from drape.data.hdf5 import GarmentFile
 from tests.integration.conftest import ROOT, Run, in_process
 
 SEQUENCES = 32
@@ -57,38 +58,41 @@ def children(pid: int) -> list[int]:
     return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-def same(one: TrajectoryFile, other: TrajectoryFile) -> None:
-    for index in range(SEQUENCES):
-        np.testing.assert_array_equal(one.positions(index), other.positions(index))
-    np.testing.assert_array_equal(one.attempts, other.attempts)
+def same(one: GarmentFile, other: GarmentFile) -> None:
+    assert len(one.sequences) == len(other.sequences) == SEQUENCES
+    for first, second in zip(one.sequences, other.sequences, strict=True):
+        np.testing.assert_array_equal(first.positions, second.positions)
+        assert first.attempts == second.attempts
 
 
 @pytest.fixture(scope="module")
-def straight(tmp_path_factory: pytest.TempPathFactory) -> tuple[TrajectoryFile, str]:
+def straight(tmp_path_factory: pytest.TempPathFactory) -> tuple[GarmentFile, str]:
     """A data set made by two workers in one go, and what was printed."""
     path = tmp_path_factory.mktemp("straight") / "cloth.h5"
     run = generate(path, "workers=2")
     assert run.code == 0, run.err
-    return TrajectoryFile(path), run.out
+    return GarmentFile(path), run.out
 
 
-def test_the_data_set_is_complete_and_described(straight: tuple[TrajectoryFile, str]) -> None:
+def test_the_data_set_is_complete_and_described(straight: tuple[GarmentFile, str]) -> None:
     file, printed = straight
-    assert (file.num_sequences, file.num_frames, file.mesh.num_vertices) == (SEQUENCES, 8, 64)
+    assert {(each.num_frames, each.mesh.num_vertices) for each in file.sequences} == {(8, 64)}
+    assert len(file.sequences) == SEQUENCES
     assert file.fabrics == ("silk", "leather", "denim", "cotton")
     for split, count in (("train", SEQUENCES - 8), ("test", 8)):
-        assert np.bincount(file.fabric[file.split(split)]).tolist() == [count // 4] * 4
+        shown = Counter(file.sequence(name).fabric for name in file.split(split))
+        assert shown == dict.fromkeys(file.fabrics, count // 4)
     assert file.materials["silk"]["bending_stiffness"] == 0.5
-    moved = np.stack([file.positions(i)[1] - file.positions(i)[0] for i in range(SEQUENCES)])
+    moved = np.stack([each.positions[1] - each.positions[0] for each in file.sequences])
     assert np.linalg.norm(moved, axis=-1).max(axis=1).min() > 1e-4  # every sequence moves from its first frame on
-    assert np.abs(moved[:, file.pinned]).max() == 0.0
+    assert np.abs(moved[:, file.sequences[0].pinned]).max() == 0.0
     for text in (f"{SEQUENCES} sequences of 8 frames", "gravity 9.810 m/s2", "rejected", "contact sheet: "):
         assert text in printed
     assert file.path.with_suffix(".png").stat().st_size > 10_000
     assert sorted(p.name for p in file.path.parent.iterdir()) == ["cloth.h5", "cloth.png", "run"]
 
 
-def test_the_same_command_again_simulates_nothing(straight: tuple[TrajectoryFile, str]) -> None:
+def test_the_same_command_again_simulates_nothing(straight: tuple[GarmentFile, str]) -> None:
     path = straight[0].path
     before = path.stat().st_mtime_ns
     run = generate(path, "workers=1")
@@ -102,7 +106,7 @@ def test_the_same_command_again_simulates_nothing(straight: tuple[TrajectoryFile
 
 
 def test_killed_and_resumed_with_another_number_of_workers_is_the_same(
-    straight: tuple[TrajectoryFile, str], tmp_path: Path
+    straight: tuple[GarmentFile, str], tmp_path: Path
 ) -> None:
     path = tmp_path / "cloth.h5"
     process = started(path, 5, "workers=2")
@@ -120,11 +124,11 @@ def test_killed_and_resumed_with_another_number_of_workers_is_the_same(
 
     resumed = generate(path, "workers=1")
     assert resumed.code == 0, resumed.err
-    same(TrajectoryFile(path), straight[0])
+    same(GarmentFile(path), straight[0])
     assert not Path(f"{path}.parts").exists()
 
 
-def test_a_dead_worker_is_reported_and_nothing_hangs(straight: tuple[TrajectoryFile, str], tmp_path: Path) -> None:
+def test_a_dead_worker_is_reported_and_nothing_hangs(straight: tuple[GarmentFile, str], tmp_path: Path) -> None:
     path = tmp_path / "cloth.h5"
     process = started(path, 3, "workers=2")
     os.kill(children(process.pid)[0], signal.SIGKILL)
@@ -134,12 +138,12 @@ def test_a_dead_worker_is_reported_and_nothing_hangs(straight: tuple[TrajectoryF
     assert "error: sequence " in errors
     assert "Traceback" not in errors
     assert generate(path).code == 0
-    same(TrajectoryFile(path), straight[0])
+    same(GarmentFile(path), straight[0])
 
 
 @pytest.mark.parametrize("blocks", [4, 60])
 def test_a_full_disk_is_a_sentence_and_finished_sequences_are_kept(
-    straight: tuple[TrajectoryFile, str], tmp_path: Path, blocks: int
+    straight: tuple[GarmentFile, str], tmp_path: Path, blocks: int
 ) -> None:
     """Files of at most ``blocks`` KiB: too little for a sequence, or for the data set."""
     path = tmp_path / "cloth.h5"
@@ -154,7 +158,7 @@ def test_a_full_disk_is_a_sentence_and_finished_sequences_are_kept(
     assert not list(tmp_path.glob("*.tmp*"))
     if blocks == 60:
         assert generate(path).code == 0
-        same(TrajectoryFile(path), straight[0])
+        same(GarmentFile(path), straight[0])
 
 
 def test_a_foreign_file_is_not_overwritten(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from drape.data.garment_hdf5 import GarmentFile
+from drape.data.hdf5 import GarmentFile
 from tests.integration.conftest import ROOT, Run, in_process
 from tests.people import needs_anny
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from drape.data.animation_hdf5 import AnimationFile
-from drape.data.recording_hdf5 import RecordingFile
+from drape.data.trajectories import open_trajectories
 from drape.geometry.grid import square_grid
 from tests.integration.conftest import ROOT, in_process, program
 from tests.recordings import patch, swinging, write_npz
@@ -113,9 +113,9 @@ def test_files_that_blender_opens(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     told = ["data.root=root", "data.path=own.h5", "data.mass.areal_density=0.2", "data.fps=60", "data.rest=first"]
     done = in_process("generate", "data=recorded", f"hydra.run.dir={tmp_path}", *told)
     assert done.code == 0, done.err
-    file = RecordingFile("own.h5")
-    for sequence, x in enumerate(moved):
-        assert file.frames_of(sequence) == 8
-        places = file.positions(sequence)[0][:, None] - x[0]
+    file = open_trajectories("own.h5")
+    for sequence, x in zip(file.sequences, moved, strict=True):
+        assert sequence.num_frames == 8
+        places = sequence.positions[0][:, None] - x[0]
         order = np.linalg.norm(places, axis=-1).argmin(1)  # formats may order vertices anew
-        np.testing.assert_allclose(file.positions(sequence), x[:, order], atol=1e-5)
+        np.testing.assert_allclose(sequence.positions, x[:, order], atol=1e-5)

@@ -12,13 +12,12 @@ from hydra.core.global_hydra import GlobalHydra
 
 from drape.config import instantiate
 from drape.config.entry_point import CONF
-from drape.data import schema
-from drape.data.hdf5_writer import DatasetHeader, StoredSequence, write_trajectories
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.errors import DrapeError
 from drape.geometry.grid import square_grid
 from drape.scene.mass import vertex_areas
 from drape.scene.scene import Scene
+from tests import trajectories
 
 FABRICS = {"silk": 0.15, "leather": 0.4, "denim": 1.0, "cotton": 0.3}
 """Mass of a vertex [kg]."""
@@ -253,17 +252,9 @@ def test_mistakes_with_own_files_are_refused_with_a_sentence(own, override, sent
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
     """Five frames of four sequences, two fabrics, the last two sequences for testing."""
-    settings = dict.fromkeys(schema.MATERIAL_ATTRIBUTES, 1.0) | {"preset": "Silk", "mass_per_vertex": 0.15}
-    mesh = square_grid(1.0, 4)
-    header = DatasetHeader(
-        mesh=mesh, pinned=np.array([0, 3]), materials={"silk": settings, "denim": settings | {"mass_per_vertex": 1.0}},
-        fps=30.0, gravity=(0.0, 0.0, -9.81), seed=0, blender_version="5.0.1", config="data: {}",
-    )
     rng = np.random.default_rng(0)
     rows = [rng.normal(size=(5, 16, 3)).astype(np.float32) for _ in range(4)]
-    stored = [StoredSequence(x, fabric=i % 2, split=int(i >= 2), attempts=1) for i, x in enumerate(rows)]
-    write_trajectories(tmp_path / "data.h5", header, stored, 4)
-    return tmp_path / "data.h5"
+    return trajectories.write(tmp_path / "data.h5", trajectories.header(), trajectories.sequences_of(rows, training=2))
 
 
 def test_a_recorded_sequence_is_a_scene(data):
@@ -283,7 +274,7 @@ def test_a_recorded_sequence_is_a_scene(data):
 @pytest.mark.parametrize(
     ("override", "sentence"),
     [
-        ("scene.frames=4", r"scene\.frames: found 4; expected 1\.\.3, as this sequence has 5 frames"),
+        ("scene.frames=4", r"frames: found 4; expected 1\.\.3, as 5 are recorded"),
         ("scene.sequence=1", r"scene\.sequence: found 1; expected 0\.\.0, as the test split has 1 sequences of silk"),
         ("scene.fabric=wool", "found no fabric 'wool'; expected one of silk, denim"),
         ("scene.path=nowhere.h5", "nowhere.h5: no such file; make it with"),

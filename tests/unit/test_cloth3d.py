@@ -19,7 +19,7 @@ from drape.data.cloth3d.info_mat import read_info
 from drape.data.cloth3d.pc16 import pc16_shape, read_pc16
 from drape.data.cloth3d.rest_mesh import read_rest_mesh
 from drape.data.conversion import Conversion
-from drape.data.garment_hdf5 import GarmentFile
+from drape.data.hdf5 import GarmentFile
 from drape.data.schema import MATERIAL_ATTRIBUTES
 from drape.errors import DrapeError
 from drape.geometry.grid import square_grid

@@ -13,13 +13,11 @@ from drape.data.blender_clock import gravity_factor, steps_run
 from drape.data.datamodule import TrajectoryDataModule
 from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.garment_frames import SampledGarmentFrames
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import recorded_scene
-from drape.data.hdf5_writer import StoredSequence, write_trajectories
-from drape.data.held_out import held_out
+from drape.data.hdf5 import GarmentFile
 from drape.data.loader import WindowLoader, share_of
 from drape.data.motion import external_energy_per_mass
 from drape.data.observation import Observation
+from drape.data.recorded_scene import held_out, recorded_scene
 from drape.data.sequence_loader import SequenceLoader
 from drape.data.windows import Window
 from drape.geometry.edge_geometry import EdgeGeometry
@@ -28,7 +26,7 @@ from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import ATTRIBUTES
 from tests import garments
 from tests.energies import make_window
-from tests.trajectories import header
+from tests.trajectories import header, sequences_of, write
 
 SCALES = dict.fromkeys(ATTRIBUTES, 1.0)
 FRAMES, SPEED = 7, 0.03
@@ -51,9 +49,7 @@ def numbered(sequence: int) -> np.ndarray:
 def path(tmp_path_factory):
     """Two training sequences of each of two fabrics, then one of each to test on; silk, denim, silk, ..."""
     target = tmp_path_factory.mktemp("data") / "cloth.h5"
-    rows = [StoredSequence(numbered(k), fabric=k % 2, split=int(k >= 4), attempts=1) for k in range(6)]
-    write_trajectories(target, header(), rows, 6)
-    return target
+    return write(target, header(), sequences_of([numbered(k) for k in range(6)], training=4))
 
 
 def module(path, **changes) -> TrajectoryDataModule:
@@ -153,9 +149,7 @@ def test_hinges_are_those_of_inner_edges(tmp_path):
     """A crumpled sheet; its boundary edges have no angle and are not counted."""
     rest = square_grid(1.0, 4).rest_positions.astype(float)
     x = np.repeat((rest + 0.1 * np.random.default_rng(0).normal(size=rest.shape))[None], 3, axis=0).astype(np.float32)
-    rows = [StoredSequence(x, fabric=k % 2, split=int(k > 1), attempts=1) for k in range(4)]
-    write_trajectories(tmp_path / "roof.h5", header(), rows, 4)
-    data = module(tmp_path / "roof.h5")
+    data = module(write(tmp_path / "roof.h5", header(), sequences_of([x] * 4, training=2)))
     window = data.windows(data.train_sequences, np.array([0]))
     inner = EdgeGeometry(window.x, window.mesh).hinge_change[~window.mesh.boundary].abs()
     assert data.statistics()["hinge_typical"] == pytest.approx(float(inner.median()))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drape.data import animation_hdf5, garment_schema, recording_schema, schema
+from drape.data import animation_hdf5, schema
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -37,8 +37,9 @@ def test_the_readme_links_every_page():
 
 def test_every_field_is_described():
     text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-    of_garments = [field for group in garment_schema.FIELDS.values() for field in group]
-    fields = *schema.FIELDS, *of_garments, *recording_schema.PIECE_FIELDS, *animation_hdf5.FIELDS, *animation_hdf5.BODY
-    attributes = *schema.ATTRIBUTES, *garment_schema.ATTRIBUTES, *recording_schema.ATTRIBUTES_OF_FILE
+    of_groups = [field for group in schema.FIELDS.values() for field in group]
+    fields = *of_groups, *schema.SHEET_FIELDS, *animation_hdf5.FIELDS, *animation_hdf5.BODY
+    of_groups = [name for group in schema.GROUP_ATTRIBUTES.values() for name in group]
+    attributes = *schema.ATTRIBUTES, *schema.SHEET_ATTRIBUTES, *schema.MATERIAL_ATTRIBUTES, *of_groups
     names = [*(field.name for field in fields), *attributes, *animation_hdf5.ATTRIBUTES]
     assert not [name for name in names if f"`{name}`" not in text]

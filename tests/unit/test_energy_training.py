@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from drape.data.datamodule import TrajectoryDataModule
-from drape.data.hdf5_writer import write_trajectories
 from drape.energy.law.step_energies import StepEnergies
 from drape.loss.energy_balance import EnergyBalance
 from drape.loss.force_residual import ForceResidual
@@ -19,7 +18,7 @@ from drape.training.curriculum import curriculum
 from drape.training.energy_training import EnergyTraining
 from drape.training.schedule import cosine, halving
 from tests.energies import PAPER, make_energy, make_window
-from tests.trajectories import header, sequences
+from tests.trajectories import header, sequences, write
 
 FABRICS = ("silk", "denim", "wool", "felt")
 
@@ -108,7 +107,7 @@ def test_the_schedule_is_told_the_share_of_the_training():
 
 def test_the_example_of_a_checkpoint_is_one_of_validation(tmp_path, monkeypatch):
     path = tmp_path / "cloth.h5"
-    write_trajectories(path, header(), sequences(), 4)
+    write(path, header(), sequences())
     data = TrajectoryDataModule(str(path), ["silk", "denim"], 2, 2, dict.fromkeys(ATTRIBUTES, 10.0), seed=0)
     asked, windows = [], data.windows
     monkeypatch.setattr(data, "windows", lambda *of: asked.append(of[0].tolist()) or windows(*of))

@@ -10,7 +10,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 
 from drape.config.entry_point import CONF
-from drape.data.garment_hdf5 import GarmentFile
+from drape.data.hdf5 import GarmentFile
 from drape.errors import DrapeError
 from drape.evaluation.garments import evaluate
 from drape.evaluation.method import Method

@@ -10,10 +10,11 @@ import pytest
 import trimesh
 
 from drape.data import schema
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_writer import GarmentHeader, StoredBody, StoredGarment, StoredGarmentSequence, write_garments
+from drape.data.hdf5 import GarmentFile
+from drape.data.stored_part import Header, StoredBody, StoredGarment, StoredSequence
 from drape.report.garment_card import garment_card
 from drape.report.garment_sheet import draw_garment_sheet
+from tests.garments import write_groups
 
 QUALITY = {
     "inside_mean": 0.0001, "inside_worst": 0.002, "self_intersection_mean": 0.001, "self_intersection_worst": 0.01,
@@ -29,7 +30,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> GarmentFile:
     x, faces = np.asarray(ball.vertices), np.asarray(ball.faces, np.int64)
     settings = dict.fromkeys(schema.MATERIAL_ATTRIBUTES, 1.0) | {"preset": "Silk"}
     materials = {"silk": settings, "denim": settings}
-    header = GarmentHeader("blender 5.0.1", 30.0, (0.0, 0.0, -9.81), materials, "{}", seed=7)
+    header = Header("blender 5.0.1", 30.0, (0.0, 0.0, -9.81), materials, "{}", seed=7)
     garments = {
         name: StoredGarment(kind, body, 1.2 * x, faces)
         for name, kind, body in (("00000", "dress", "000"), ("00001", "skirt", "000"), ("00002", "dress", "001"))
@@ -42,12 +43,12 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> GarmentFile:
         ("00002", "001", "dance", "test", "silk", 1, QUALITY | {"repaired": True, "twin_distance": 0.0123}),
     ]
     sequences = [
-        StoredGarmentSequence(
+        StoredSequence(
             name, body, motion, split, name, fabric, 0.15, 2.0, attempts, quality, frames, body_positions=bodies
         )
         for name, body, motion, split, fabric, attempts, quality in rows
     ]
-    write_garments(path, header, {"000": StoredBody(x, faces), "001": StoredBody(x, faces)}, garments, sequences)
+    write_groups(path, header, {"000": StoredBody(x, faces), "001": StoredBody(x, faces)}, garments, sequences)
     return GarmentFile(path)
 
 

@@ -11,26 +11,20 @@ import h5py
 import numpy as np
 import pytest
 
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_schema import FIELDS
-from drape.data.garment_writer import (
-    GarmentHeader,
-    StoredBody,
-    StoredGarment,
-    StoredGarmentSequence,
-    garment_writer,
-    write_garments,
-)
-from drape.data.schema import MATERIAL_ATTRIBUTES
+from drape.data.hdf5 import GarmentFile
+from drape.data.hdf5_writer import data_writer
+from drape.data.schema import FIELDS, MATERIAL_ATTRIBUTES
+from drape.data.stored_part import Header, Part, StoredBody, StoredGarment, StoredSequence
 from drape.errors import DrapeError
 from drape.geometry.grid import square_grid
+from tests.garments import write_groups
 
 SETTINGS = dict.fromkeys(MATERIAL_ATTRIBUTES, 1.0) | {"preset": "Silk", "mass_per_vertex": 0.15}
 FRAMES, JOINTS = 6, 3
 SHEET = square_grid(1.0, 4)
 
 
-def header(**changes: object) -> GarmentHeader:
+def header(**changes: object) -> Header:
     values = {
         "source": "blender 5.0.1",
         "fps": 30.0,
@@ -39,7 +33,7 @@ def header(**changes: object) -> GarmentHeader:
         "config": "data: {}",
         "seed": 3,
     }
-    return GarmentHeader(**(values | changes))
+    return Header(**(values | changes))
 
 
 def body(seed: int = 0) -> StoredBody:
@@ -66,13 +60,13 @@ def transforms(seed: int) -> np.ndarray:
     return result
 
 
-def sequence(name: str = "00000", **changes: object) -> StoredGarmentSequence:
+def sequence(name: str = "00000", **changes: object) -> StoredSequence:
     number = int(name)
     x = np.random.default_rng(number).normal(size=(FRAMES, 16, 3)).astype(np.float32)
     values = {"body": "b", "motion": "walk", "split": "train", "garment": "g", "fabric": "silk",
               "mass_per_vertex": 0.15, "friction": 0.5, "attempts": 1 + number, "quality": {"inside": 0.001},
               "positions": x, "twin": x + np.float32(1e-6), "transforms": transforms(number)}  # fmt: skip
-    return StoredGarmentSequence(name, **(values | changes))
+    return StoredSequence(name, **(values | changes))
 
 
 def plain_body() -> StoredBody:
@@ -83,16 +77,16 @@ def stored_frames() -> np.ndarray:
     return np.random.default_rng(9).normal(size=(FRAMES, 4, 3)).astype(np.float32)
 
 
-def three_sequences() -> list[StoredGarmentSequence]:
+def three_sequences() -> list[StoredSequence]:
     """A recorded one, one whose body is stored frame by frame, the motion of a body alone."""
     frames = {"transforms": None, "twin": None, "body": "p", "body_positions": stored_frames()}
     alone = {"garment": "", "fabric": "", "positions": None, "mass_per_vertex": 0.0}
     return [sequence(), sequence("00001", **frames, split="test"), sequence("00002", **frames, **alone)]
 
 
-def write(path: Path, sequences: list[StoredGarmentSequence], **changes: object) -> None:
+def write(path: Path, sequences: list[StoredSequence], **changes: object) -> None:
     parts = {"bodies": {"b": body(), "p": plain_body()}, "garments": {"g": garment()}} | changes
-    write_garments(path, header(), sequences=iter(sequences), **parts)
+    write_groups(path, header(), sequences=iter(sequences), **parts)
 
 
 @pytest.fixture
@@ -225,33 +219,65 @@ REFUSED = {
     ),
     "neither": (lambda: [sequence(transforms=None)], {}, "found neither of transforms and body_positions"),
     "both": (lambda: [sequence(body_positions=stored_frames())], {}, "found both of transforms and body_positions"),
+    "frames of nobody": (
+        lambda: [sequence(body="")],
+        {"garments": {"g": garment(body="")}},
+        "found one of transforms and body_positions; expected neither without a body",
+    ),
+    "nothing": (lambda: [sequence(body="", garment="")], {}, "found neither a body nor a garment; expected one at"),
+    "no frames": (
+        lambda: [sequence(body="", transforms=None, positions=None, twin=None)],
+        {"garments": {"g": garment(body="")}},
+        "found no positions of a sheet; expected its frames",
+    ),
+    "no weight": (
+        lambda: [sequence()],
+        {"garments": {"g": garment(mass=np.zeros(16))}},
+        "garments/g/mass: found 0.0; expected positive numbers",
+    ),
     "nan": (
         lambda: [sequence(positions=np.full((FRAMES, 16, 3), np.nan, np.float32))],
         {},
         "sequences/00000/positions: found a number that is not finite",
     ),
     "no fabric": (lambda: [sequence(fabric="wool")], {}, "attribute fabric: found 'wool'; expected one of silk, denim"),
-    "no body": (lambda: [sequence(body="x")], {}, "attribute body: found 'x'; expected one of b, p"),
-    "no garment": (lambda: [sequence(garment="x")], {}, "attribute garment: found 'x'; expected one of g"),
+    "no body": (lambda: [sequence(), sequence("00001", body="x")], {}, "body: found 'x'; expected one of b;"),
+    "no garment": (lambda: [sequence(garment="x")], {}, "attribute garment: found 'x'; expected one of none"),
     "positions without a garment": (lambda: [sequence(garment="")], {}, "found positions of no garment"),
     "no split": (lambda: [sequence(split="val")], {}, "attribute split: found 'val'; expected one of train, test"),
     "no mass": (lambda: [sequence(mass_per_vertex=0.0)], {}, "mass_per_vertex: found 0.0; expected kilograms above 0"),
     "twice": (lambda: [sequence(), sequence()], {}, "sequences: found the name '00000'; expected a new one"),
     "none": (lambda: [], {}, "sequences: found none; expected at least one"),
-    "bare body": (lambda: [sequence(body="p")], {}, "transforms need bodies/p/bones and weights; found none"),
-    "garment of no body": (lambda: [], {"garments": {"g": garment(body="x")}}, "garments/g: attribute body: found 'x'"),
+    "bare body": (
+        lambda: [sequence(), sequence("00001", body="p")],
+        {},
+        "transforms need bodies/p/bones and weights; found none",
+    ),
+    "garment of no body": (
+        lambda: [sequence()],
+        {"garments": {"g": garment(body="x")}},
+        "garments/g: attribute body: found 'x'",
+    ),
     "too few joints": (
         lambda: [sequence(transforms=transforms(0)[:, :2])],
         {},
         "sequences/00000/transforms: found 2 joints; expected at least 3, for garments/g/bones",
     ),
     "weights": (
-        lambda: [],
+        lambda: [sequence()],
         {"garments": {"g": garment(weights=np.full((16, 4), 0.3))}},
         "garments/g/weights: vertex 0: found a sum of 1.2 .*; expected shares of 1",
     ),
-    "bones alone": (lambda: [], {"bodies": {"b": replace(body(), weights=None)}}, "bodies/b: found bones alone"),
-    "pin": (lambda: [], {"garments": {"g": garment(pinned=np.array([16]))}}, "pinned: found vertex 16; expected 0..15"),
+    "bones alone": (
+        lambda: [sequence()],
+        {"bodies": {"b": replace(body(), weights=None)}},
+        "bodies/b: found bones alone",
+    ),
+    "pin": (
+        lambda: [sequence()],
+        {"garments": {"g": garment(pinned=np.array([16]))}},
+        "pinned: found vertex 16; expected 0..15",
+    ),
 }
 
 
@@ -268,8 +294,8 @@ def test_what_does_not_fit_is_refused_and_nothing_is_left(path: Path, case: str)
 
 def test_an_interrupted_writer_leaves_nothing(tmp_path: Path) -> None:
     def interrupted() -> None:
-        with garment_writer(tmp_path / "new.h5", header()) as writer:
-            writer.add_body("b", body())
+        with data_writer(tmp_path / "new.h5", header()) as writer:
+            writer.add(Part(body(), garment(), sequence()))
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

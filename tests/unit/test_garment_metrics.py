@@ -10,8 +10,8 @@ import torch
 import trimesh
 
 from drape.contact.penetration import Penetration, distances
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import recorded_scene
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import recorded_scene
 from drape.errors import DrapeError
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh import ClothMesh

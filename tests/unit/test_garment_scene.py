@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import START, garment_scene, recorded_scene
-from drape.data.garment_writer import GarmentHeader, StoredBody, StoredGarmentSequence, write_garments
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import START, garment_scene, recorded_scene
+from drape.data.stored_part import Header, StoredBody, StoredSequence
 from drape.errors import DrapeError
 from drape.simulators.baselines import Ballistic, Frozen, Skinned, Twin
 from drape.simulators.simulator import Simulator
@@ -87,9 +87,9 @@ def test_what_the_file_does_not_have_is_refused(file, arguments, words):
 
 def test_the_motion_of_a_body_alone_is_refused(tmp_path):
     points, faces = garments.tube()
-    alone = StoredGarmentSequence("00000", "body", "walk", "test", body_positions=garments.carried(points))
-    header = GarmentHeader("vto", 30.0, (0.0, 0.0, -9.81), {}, "{}")
-    write_garments(tmp_path / "vto.h5", header, {"body": StoredBody(points, faces)}, {}, [alone])
+    alone = StoredSequence("00000", "body", "walk", "test", body_positions=garments.carried(points))
+    header = Header("vto", 30.0, (0.0, 0.0, -9.81), {}, "{}")
+    garments.write_groups(tmp_path / "vto.h5", header, {"body": StoredBody(points, faces)}, {}, [alone])
     with pytest.raises(DrapeError, match="found the motion of a body without recorded positions of a garment"):
         garment_scene(str(tmp_path / "vto.h5"), "00000")
 

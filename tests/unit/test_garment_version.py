@@ -12,11 +12,10 @@ import yaml
 from drape.blender import garment_generation
 from drape.blender.garment_generation import generate_garments
 from drape.data.blender_friction import HIGHEST_NUMBER, blender_number, coefficient
-from drape.data.garment_copy import stored_part
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import garment_scene
-from drape.data.garment_schema import VERSION
-from drape.data.garment_writer import garment_writer
+from drape.data.hdf5 import GarmentFile
+from drape.data.hdf5_writer import data_writer
+from drape.data.recorded_scene import garment_scene
+from drape.data.schema import GARMENTS, VERSIONS
 from drape.errors import DrapeError
 from tests import garments
 from tests.unit.test_garment_hdf5 import header
@@ -67,11 +66,11 @@ def test_a_file_of_today_is_read_as_it_is(tmp_path):
 def test_what_is_copied_from_a_file_of_before_is_not_mended_twice(tmp_path):
     old = GarmentFile(old_file(tmp_path / "old.h5", "blender 5.0.1", 2.0))
     target = tmp_path / "new.h5"
-    with garment_writer(target, header(config=old.attribute("config"))) as writer:
+    with data_writer(target, header(config=old.attribute("config"))) as writer:
         for name in old.names:
-            stored_part(old, name).add_to(writer)
+            writer.add(old.part(name))
     new = GarmentFile(target)
-    assert new.attribute("schema_version") == VERSION == 2
+    assert new.attribute("schema_version") == VERSIONS[GARMENTS] == 2
     assert frictions(new) == {0.02}
     assert yaml.safe_load(new.attribute("config"))["data"]["contact"]["friction"] == 0.02
 

@@ -12,8 +12,8 @@ from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger, WandbLogger
 from PIL import Image
 from torch import nn
 
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import START
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import START
 from drape.data.sequence_loader import Watched
 from drape.metrics.rollout_scores import ScoredRollout, rollout_scores
 from drape.report.live_rollouts import KEY, RolloutImages

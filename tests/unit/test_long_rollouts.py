@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from drape.benchmark.long_rollouts import LongRollouts, largest_rise, prolonged, there_and_back, total_energy
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import recorded_scene
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import recorded_scene
 from drape.energy.terms.stvk import StVK
 from drape.errors import DrapeError
 from tests import garments

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from drape.data.garment_frames import GarmentFrames, SampledGarmentFrames
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_writer import GarmentHeader, StoredBody, StoredGarment, StoredGarmentSequence, write_garments
+from drape.data.hdf5 import GarmentFile
+from drape.data.stored_part import Header, StoredBody, StoredGarment, StoredSequence
 from drape.energy.force_balance import (
     RINGS,
     ForceBalance,
@@ -83,15 +83,15 @@ def file(tmp_path_factory) -> GarmentFile:
     points = points + [0.0, 0.0, 3.0]
     body = np.tile(points, (FRAMES, 1, 1))
     sequences = [
-        StoredGarmentSequence(
+        StoredSequence(
             str(number), "ball", "shake", "train", garment="flag", fabric=name, mass_per_vertex=0.15, friction=0.0,
             positions=flapping(material), body_positions=body,
         )
         for number, (name, material) in enumerate(KNOWN.items())
     ]  # fmt: skip
     flag = StoredGarment("flag", "ball", mesh.rest_positions.astype(np.float64), mesh.faces, pinned=EDGE)
-    header = GarmentHeader("test", 30.0, GRAVITY, {name: garments.settings(name) for name in KNOWN}, "{}")
-    write_garments(path, header, {"ball": StoredBody(points, faces)}, {"flag": flag}, sequences)
+    header = Header("test", 30.0, GRAVITY, {name: garments.settings(name) for name in KNOWN}, "{}")
+    garments.write_groups(path, header, {"ball": StoredBody(points, faces)}, {"flag": flag}, sequences)
     return GarmentFile(path)
 
 

@@ -10,9 +10,9 @@ import torch
 from torch import nn
 
 from drape.data.garment_datamodule import GarmentDataModule
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import recorded_scene
+from drape.data.hdf5 import GarmentFile
 from drape.data.motion import edge_strain
+from drape.data.recorded_scene import recorded_scene
 from drape.energy.fabric import Fabric
 from drape.energy.phys_material import PhysMaterial
 from drape.energy.terms.contact import SurfaceContact

@@ -12,11 +12,10 @@ import pytest
 import torch
 
 from drape.data.datamodule import TrajectoryDataModule
-from drape.data.hdf5 import TrajectoryFile
-from drape.data.held_out import held_out
+from drape.data.hdf5 import GarmentFile
 from drape.data.recorded.conversion import convert_recorded, split_of_sequences
 from drape.data.recorded.shown_gravity import shown_gravity
-from drape.data.recording_hdf5 import RecordingFile
+from drape.data.recorded_scene import held_out
 from drape.data.trajectories import open_trajectories
 from drape.energy.law.spring_hinge import SpringHingeLaw
 from drape.energy.own_fabric import own_fabric
@@ -26,6 +25,7 @@ from drape.geometry.mesh import ClothMesh
 from drape.report.contact_sheet import draw_contact_sheet
 from drape.report.dataset_card import dataset_card
 from drape.report.shown_motion import shown_motion
+from drape.scene.mass import vertex_areas
 from drape.scene.material import ATTRIBUTES
 from tests.recordings import DENSITY, STIFFNESS, patch, swinging, write_meshes, write_npz
 
@@ -61,18 +61,18 @@ def mesh_of(kind: str) -> ClothMesh:
     return GRID if kind == "grid" else patch()
 
 
-def recorded(root: Path, **changes: object) -> RecordingFile:
+def recorded(root: Path, **changes: object) -> GarmentFile:
     """Six sequences of two pieces of cloth, pinned in several ways."""
     for number, (kind, pinned) in enumerate(SEQUENCES):
         write_npz(root / f"{kind}_{number}.npz", mesh_of(kind), motion(kind, pinned, number))
     return convert(root, **changes)
 
 
-def convert(root: Path, **changes: object) -> RecordingFile:
+def convert(root: Path, **changes: object) -> GarmentFile:
     return convert_recorded(SETTINGS | {"root": str(root), "path": str(root.parent / "own.h5")} | changes)[0]
 
 
-def two(root: Path, write: Callable[[Path, int], object] | None = None, **changes: object) -> RecordingFile:
+def two(root: Path, write: Callable[[Path, int], object] | None = None, **changes: object) -> GarmentFile:
     """Two sequences of the grid; ``write`` makes each in its own way."""
     for number in range(2):
         if write is None:
@@ -82,24 +82,70 @@ def two(root: Path, write: Callable[[Path, int], object] | None = None, **change
     return convert(root, **changes)
 
 
+def names_of(file: GarmentFile) -> list[str]:
+    return [sequence.motion for sequence in file.sequences]
+
+
+def as_version_1(file: GarmentFile, path: Path) -> GarmentFile:
+    """The same recordings as version 1 stored them."""
+    pieces = {sequence.garment: sequence for sequence in file.sequences}
+    with h5py.File(path, "w") as target:
+        known = {name: file.attribute(name) for name in ("drape_version", "fps", "dt", "up_axis", "config")}
+        target.attrs.update(known, format="drape recordings", schema_version=1, gravity=file.gravity)
+        target.attrs["fabrics"] = list(file.fabrics)
+
+        def add(name: str, array: np.ndarray, kind: str, unit: str) -> None:
+            target.create_dataset(name, data=array.astype(kind)).attrs.update(units=unit, meaning="")
+
+        for number, one in enumerate(pieces.values()):
+            add(f"pieces/{number}/rest_positions", one.mesh.rest_positions, "float32", "m")
+            add(f"pieces/{number}/faces", one.mesh.faces, "int64", "1")
+            add(f"pieces/{number}/pinned", one.pinned, "int64", "1")
+            add(f"pieces/{number}/mass", one.mass, "float64", "kg")
+        for number, one in enumerate(file.sequences):
+            add(f"sequences/{number:06d}/positions", one.positions, "float32", "m")
+            target[f"sequences/{number:06d}"].attrs.update(
+                name=one.motion, piece=list(pieces).index(one.garment), fabric=file.fabrics.index(one.fabric),
+                split=["train", "test"].index(one.split),
+            )  # fmt: skip
+        for fabric, settings in file.materials.items():
+            target.create_group(f"materials/{fabric}").attrs.update(settings)
+    return open_trajectories(path)
+
+
 def test_sequences_of_several_meshes_are_read_back(tmp_path: Path) -> None:
     file = recorded(tmp_path / "root")
-    assert isinstance(open_trajectories(file.path), RecordingFile)
-    assert file.names == [f"grid_{n}.npz" for n in (0, 2, 4)] + [f"patch_{n}.npz" for n in (1, 3, 5)]
-    for sequence, name in enumerate(file.names):
-        kind, number = name.removesuffix(".npz").split("_")
+    assert names_of(file) == [f"grid_{n}.npz" for n in (0, 2, 4)] + [f"patch_{n}.npz" for n in (1, 3, 5)]
+    for sequence in file.sequences:
+        kind, number = sequence.motion.removesuffix(".npz").split("_")
         pinned = SEQUENCES[int(number)][1]
-        np.testing.assert_allclose(file.positions(sequence), motion(kind, pinned, int(number)), atol=1e-7)
-        piece = file.piece(sequence)
-        assert piece.pinned.tolist() == sorted(pinned)
-        np.testing.assert_array_equal(piece.mesh.faces, mesh_of(kind).faces)
-        assert piece.mass.sum() == pytest.approx(DENSITY * (0.16 if kind == "grid" else piece.mass.sum() / DENSITY))
-    assert len({id(piece.mesh) for piece in file.pieces}) == 2
-    assert sorted([*file.split("train"), *file.split("test")]) == list(range(6))
+        np.testing.assert_allclose(sequence.positions, motion(kind, pinned, int(number)), atol=1e-7)
+        assert sequence.pinned.tolist() == sorted(pinned)
+        np.testing.assert_array_equal(sequence.mesh.faces, mesh_of(kind).faces)
+        assert sequence.mass.sum() == pytest.approx(DENSITY * vertex_areas(mesh_of(kind)).sum())
+        assert sequence.mass.std() > 0.0
+    assert len({id(sequence.mesh) for sequence in file.sequences}) == 2
+    assert len({sequence.garment for sequence in file.sequences}) == 4, "two are pinned in two ways each"
+    assert sorted([*file.split("train"), *file.split("test")]) == list(file.names)
     assert file.fabrics == ("own",)
     assert own_fabric("own", str(file.path)).mass_per_vertex == pytest.approx(
-        np.mean([file.piece(int(s)).mass.mean() for s in file.split("train")])
+        np.mean([file.sequence(name).mass.mean() for name in file.split("train")])
     )
+
+
+def test_a_file_of_version_1_is_read_as_it_was(tmp_path: Path) -> None:
+    """What was a piece is a garment; nothing else is another."""
+    file = recorded(tmp_path / "root")
+    old = as_version_1(file, tmp_path / "old.h5")
+    assert old.attribute("source") == "recorded"
+    assert (old.fabrics, old.materials, old.names) == (file.fabrics, file.materials, file.names)
+    assert (old.split("train"), old.split("test")) == (file.split("train"), file.split("test"))
+    for one, other in zip(old.sequences, file.sequences, strict=True):
+        assert (one.motion, one.fabric, one.mass_per_vertex) == (other.motion, other.fabric, other.mass_per_vertex)
+        for name in ("positions", "pinned", "mass"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        np.testing.assert_array_equal(one.mesh.rest_positions, other.mesh.rest_positions)
+    assert dataset_card(old).split("\n")[1:] == dataset_card(file).split("\n")[1:]
 
 
 def test_the_motion_shows_gravity_and_the_law_that_made_it(tmp_path: Path) -> None:
@@ -119,7 +165,7 @@ def test_windows_of_several_meshes_are_those_of_each(tmp_path: Path) -> None:
     file = recorded(tmp_path / "root")
     data = TrajectoryDataModule(str(file.path), ["own"], 2, 7, SCALES, seed=None)
     sequences = data.train_sequences
-    count = sum(file.frames_of(int(s)) - 2 for s in sequences)
+    count = sum(file.sequences[s].num_frames - 2 for s in sequences)
     indices = np.array([0, 5, 25, 50, count - 1])
     together, first = data.windows(sequences, indices), 0
     for index in indices:
@@ -130,7 +176,7 @@ def test_windows_of_several_meshes_are_those_of_each(tmp_path: Path) -> None:
         first += len(alone.x)
     assert first == len(together.x)
     last = data.windows(sequences, indices[-1:])
-    np.testing.assert_array_equal(last.x_next.float(), file.positions(int(sequences[-1]))[-1])
+    np.testing.assert_array_equal(last.x_next, file.sequences[sequences[-1]].positions[-1])
     assert all(np.isfinite(value) and value > 0 for value in data.statistics().values())
 
 
@@ -145,9 +191,10 @@ def test_folders_of_meshes_in_centimetres_with_y_up(tmp_path: Path, kind: str) -
     place = str(tmp_path / "rest" / f"frame_0.{kind}")
     file = two(tmp_path / "root", write, fps=60.0, scale=0.01, up_axis="y", rest=place)
     for sequence in range(2):
-        np.testing.assert_allclose(file.positions(sequence), motion("grid", (12, 15), sequence), atol=1e-6)
-        assert file.piece(sequence).pinned.tolist() == [12, 15]
-    np.testing.assert_allclose(file.piece(0).mesh.rest_positions, GRID.rest_positions, atol=1e-6)
+        found = file.sequences[sequence]
+        np.testing.assert_allclose(found.positions, motion("grid", (12, 15), sequence), atol=1e-6)
+        assert found.pinned.tolist() == [12, 15]
+    np.testing.assert_allclose(file.sequences[0].mesh.rest_positions, GRID.rest_positions, atol=1e-6)
     np.testing.assert_allclose(shown_gravity(file), [0, 0, -9.81], atol=0.8)
 
 
@@ -162,19 +209,19 @@ def test_masses_and_a_motion_may_lie_in_hdf5(tmp_path: Path) -> None:
             file["rest_positions"] = GRID.rest_positions
 
     file = two(tmp_path / "root", write, mass={"areal_density": None, "per_vertex": None})
-    np.testing.assert_array_equal(file.piece(1).mass, mass)
+    np.testing.assert_array_equal(file.sequences[1].mass, mass)
 
 
 def test_a_held_out_sequence_is_a_scene_with_its_own_mesh_and_pins(tmp_path: Path) -> None:
     file = recorded(tmp_path / "root", test=0.5)
     pins = []
-    for number, sequence in enumerate(file.split("test")):
+    for number, name in enumerate(file.split("test")):
         scene = held_out(str(file.path), "own", number, 10)
-        np.testing.assert_array_equal(scene.reference, file.positions(int(sequence), 1, 12))
-        np.testing.assert_array_equal(scene.mass, file.piece(int(sequence)).mass)
+        np.testing.assert_array_equal(scene.reference, file.sequence(name).positions[1:12])
+        np.testing.assert_array_equal(scene.mass, file.sequence(name).mass)
         pins.append([] if scene.pins is None else scene.pins.vertices.tolist())
-    assert pins == [file.piece(int(s)).pinned.tolist() for s in file.split("test")]
-    with pytest.raises(DrapeError, match=r"found 23; expected 1\.\.22, as this sequence has 24 frames"):
+    assert pins == [file.sequence(name).pinned.tolist() for name in file.split("test")]
+    with pytest.raises(DrapeError, match=r"found 23; expected 1\.\.22, as 24 are recorded"):
         held_out(str(file.path), "own", 0, 23)
 
 
@@ -195,7 +242,7 @@ def test_fabrics_by_pattern_with_what_is_known_of_them(tmp_path: Path) -> None:
         attributes={"denim": {"bending_stiffness": 3.0}},
     )
     assert file.fabrics == ("cotton", "denim")
-    assert [file.fabrics[f] for f in file.fabric] == [{"g": "cotton", "p": "denim"}[name[0]] for name in file.names]
+    assert [(each.fabric, each.motion[0]) for each in file.sequences] == [("cotton", "g")] * 3 + [("denim", "p")] * 3
     assert file.materials["denim"]["bending_stiffness"] == 3.0
     assert file.materials["cotton"]["bending_stiffness"] == 0.0
 
@@ -335,14 +382,19 @@ def test_fabrics_that_cannot_be_told_apart_are_refused(tmp_path: Path) -> None:
 
 
 def test_what_the_schema_does_not_allow_is_refused(tmp_path: Path) -> None:
-    path = two(tmp_path / "root").path
-    with pytest.raises(DrapeError, match="attribute format"):
-        TrajectoryFile(path)
-    for change, sentence in (
-        (lambda f: f["sequences/000000/positions"].__setitem__((2, 0, 0), np.nan), "frame 2: found a number that"),
-        (lambda f: f["pieces/0/mass"].__setitem__(0, 0.0), "mass: found 0.0; expected positive numbers"),
-        (lambda f: f["sequences/000001"].attrs.__setitem__("piece", 7), "attribute piece: found 7; expected 0..0"),
-        (lambda f: f.__delitem__("pieces/0/faces"), "pieces/0/faces: missing"),
+    file = two(tmp_path / "root")
+    old, frame = as_version_1(file, tmp_path / "old.h5").path, "sequences/000000/positions"
+    for path, change, sentence in (
+        (file.path, lambda f: f[frame].__setitem__((2, 0, 0), np.nan), "frame 2: found a number that"),
+        (file.path, lambda f: f["garments/0/mass"].__setitem__(0, 0.0), "mass: found 0.0; expected positive numbers"),
+        (file.path, lambda f: f["sequences/000001"].attrs.__setitem__("garment", "7"), "garment: found '7'; expected"),
+        (file.path, lambda f: f["materials/own"].attrs.__delitem__("air_damping"), "materials/own: missing air_damp"),
+        (old, lambda f: f[frame].__setitem__((2, 0, 0), np.nan), "frame 2: found a number that"),
+        (old, lambda f: f["pieces/0/mass"].__setitem__(0, 0.0), "mass: found 0.0; expected positive numbers"),
+        (old, lambda f: f["pieces/0/faces"].__setitem__((0, 0), 99), "pieces/0/faces: found vertex 99; expected 0..15"),
+        (old, lambda f: f["sequences/000001"].attrs.__setitem__("piece", 7), "attribute piece: found 7; expected 0..0"),
+        (old, lambda f: f.__delitem__("pieces/0/faces"), "pieces/0/faces: missing"),
+        (old, lambda f: f.__delitem__("sequences"), "found 1 pieces and 0 sequences; expected some"),
     ):
         damaged = tmp_path / "damaged.h5"
         damaged.write_bytes(path.read_bytes())

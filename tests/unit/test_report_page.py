@@ -14,8 +14,8 @@ from PIL import Image
 
 from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import recorded_scene
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import recorded_scene
 from drape.metrics.record import EvaluationRecord
 from drape.report import clips
 from drape.report.clips import one_of_each_kind

@@ -11,8 +11,8 @@ import torch
 from torch import nn
 
 from drape.contact.penetration import Penetration
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import recorded_scene
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import recorded_scene
 from drape.metrics.collision import behind_nearest_vertex, vertex_normals
 from drape.metrics.drift import energy_drift, momentum_drift
 from drape.metrics.garment_metric import GarmentMetric

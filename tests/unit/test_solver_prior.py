@@ -9,8 +9,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import recorded_scene
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import recorded_scene
 from drape.energy.phys_material import PhysMaterial
 from drape.energy.step import ObstacleStep, Step
 from drape.energy.terms.contact import SurfaceContact

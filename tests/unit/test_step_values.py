@@ -10,8 +10,8 @@ import torch
 from torch import nn
 
 from drape.data.garment_datamodule import GarmentDataModule
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import recorded_scene
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import recorded_scene
 from drape.energy.step import Step
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh_batch import MeshBatch

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drape.data.garment_hdf5 import GarmentFile
+from drape.data.hdf5 import GarmentFile
 from drape.data.smpl.convert_pickle import main as convert_pickles
 from drape.data.vto.conversion import convert_vto
 from drape.data.vto.motion import read_motion

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from drape.benchmark.composed import Composed
 from drape.benchmark.measured import Circumstances, Measured, Row
-from drape.data.held_out import held_out
+from drape.data.recorded_scene import held_out
 from drape.errors import DrapeError
 from drape.metrics.position import distance_travelled, vertex_distance
 from drape.report.trade import draw_trade

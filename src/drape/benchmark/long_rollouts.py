@@ -18,9 +18,9 @@ from tqdm import tqdm
 from drape.benchmark.composed import Composed
 from drape.benchmark.measured import Circumstances, Measured, Row
 from drape.contact.penetration import Penetration
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import recorded_scene
+from drape.data.hdf5 import GarmentFile
 from drape.data.motion import edge_strain, speeds
+from drape.data.recorded_scene import recorded_scene
 from drape.energy.fabric import Fabric
 from drape.energy.scene_step import SceneSteps
 from drape.energy.term import EnergyTerm

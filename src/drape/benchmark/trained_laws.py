@@ -19,8 +19,8 @@ from tqdm import tqdm
 from drape.benchmark.held_out import Animated, animate
 from drape.benchmark.measured import Circumstances, Measured, Row
 from drape.data.datamodule import TrajectoryDataModule
-from drape.data.held_out import held_out
 from drape.data.observation import Observation
+from drape.data.recorded_scene import held_out
 from drape.data.windows import Window
 from drape.energy.fabric import Fabric, of_law
 from drape.energy.incremental_potential import IncrementalPotential

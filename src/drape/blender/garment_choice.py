@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drape.data.garment_schema import SPLITS
+from drape.data.schema import SPLITS
 
 
 @dataclass(frozen=True)

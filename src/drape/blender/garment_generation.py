@@ -18,10 +18,11 @@ from drape.blender.plan import make_plan
 from drape.blender.sequence import part_path
 from drape.blender.workers import processes_of, run_workers
 from drape.data.difference import refuse_difference
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_schema import VERSION
-from drape.data.garment_writer import GarmentHeader, garment_writer
+from drape.data.hdf5 import GarmentFile
+from drape.data.hdf5_writer import data_writer
 from drape.data.parts_folder import OTHERWISE, claimed, parts_of
+from drape.data.schema import GARMENTS, VERSIONS
+from drape.data.stored_part import Header
 from drape.errors import DrapeError
 from drape.figure.phenotype import Phenotype
 
@@ -47,7 +48,7 @@ def generate_garments(data: Mapping, material: Mapping, workers: int | str) -> t
         refuse_difference({key: made.get(key, {}) for key in request}, request, path, OTHERWISE)
         shutil.rmtree(parts, ignore_errors=True)
         return file, False
-    plan = {**make_plan(request), "schema_version": VERSION}  # parts of another meaning are not taken
+    plan = {**make_plan(request), "schema_version": VERSIONS[GARMENTS]}  # parts of another meaning are not taken
     try:
         with claimed(parts, plan):
             _make_people(parts, plan)
@@ -84,18 +85,18 @@ def _simulate(parts: Path, plan: Mapping, processes: int) -> None:
 def _pack(parts: Path, plan: Mapping, path: Path) -> None:
     """One file of all parts, one sequence at a time."""
     size = sum(part_path(parts, index).stat().st_size for index in _indices(plan))
-    with garment_writer(path, _header(plan), size) as writer:
+    with data_writer(path, _header(plan), size) as writer:
         for index in _indices(plan):
-            load_garment_part(parts, index).add_to(writer)
+            writer.add(load_garment_part(parts, index))
 
 
-def _header(plan: Mapping) -> GarmentHeader:
+def _header(plan: Mapping) -> Header:
     data = plan["data"]
     materials = {
         fabric: {"mass_per_vertex" if name == "mass" else name: value for name, value in settings.items()}
         for fabric, settings in plan["settings"].items()
     }
-    return GarmentHeader(
+    return Header(
         source=f"blender {plan['blender_version']}",
         fps=float(data["fps"]),
         gravity=(0.0, 0.0, -float(data["gravity"])),

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from drape.blender.sequence import part_path
-from drape.data.garment_copy import GarmentPart
-from drape.data.garment_writer import StoredBody, StoredGarment, StoredGarmentSequence
+from drape.data.stored_part import Part, StoredBody, StoredGarment, StoredSequence
 from drape.data.whole_file import whole_file
 
-PIECES = {"body": StoredBody, "garment": StoredGarment, "sequence": StoredGarmentSequence}
+PIECES = {"body": StoredBody, "garment": StoredGarment, "sequence": StoredSequence}
 
 
-def save_garment_part(parts: Path, index: int, part: GarmentPart) -> None:
+def save_garment_part(parts: Path, index: int, part: Part) -> None:
     """Store arrays as they are, everything else as JSON."""
     arrays, plain = {}, {}
     for piece in PIECES:
@@ -31,7 +30,7 @@ def save_garment_part(parts: Path, index: int, part: GarmentPart) -> None:
         np.savez(temporary, plain=np.array(json.dumps(plain)), **arrays)
 
 
-def load_garment_part(parts: Path, index: int) -> GarmentPart:
+def load_garment_part(parts: Path, index: int) -> Part:
     """A part as :func:`save_garment_part` stored it."""
     with np.load(part_path(parts, index), allow_pickle=False) as file:
         values = json.loads(str(file["plain"])) | {name: file[name] for name in file.files if name != "plain"}
@@ -39,4 +38,4 @@ def load_garment_part(parts: Path, index: int) -> GarmentPart:
         piece: kind(**{field.name: values[f"{piece}.{field.name}"] for field in fields(kind)})
         for piece, kind in PIECES.items()
     }
-    return GarmentPart(**pieces)
+    return Part(**pieces)

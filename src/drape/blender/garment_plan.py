@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from drape.blender.plan import check_keys, check_material, check_number, check_pair
 from drape.data.blender_friction import HIGHEST_NUMBER, coefficient
 from drape.data.difference import flatten
-from drape.data.garment_schema import SPLITS
+from drape.data.schema import SPLITS
 from drape.errors import DrapeError
 from drape.figure.measures import ranges_of
 from drape.figure.motions import MOTIONS

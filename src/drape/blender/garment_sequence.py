@@ -11,8 +11,7 @@ import numpy as np
 from drape.blender.garment_attempt import Attempt, draw_attempt
 from drape.blender.garment_choice import Choice, choose
 from drape.blender.garment_quality import Crossing, measure_quality, reason_to_refuse
-from drape.data.garment_copy import GarmentPart
-from drape.data.garment_writer import StoredBody, StoredGarment, StoredGarmentSequence
+from drape.data.stored_part import Part, StoredBody, StoredGarment, StoredSequence
 from drape.errors import DrapeError
 from drape.geometry.mesh import ClothMesh
 
@@ -22,7 +21,7 @@ Simulate = Callable[..., np.ndarray]
 
 def make_garment_sequence(
     index: int, plan: Mapping, simulate: Simulate, crossing: Crossing, people: Path | None = None
-) -> GarmentPart:
+) -> Part:
     """Sequence ``index`` of a plan, which shows what :func:`~drape.blender.garment_choice.choose` says.
 
     Attempt k = 1, 2, ... draws style and motion from ``numpy.random.default_rng([seed, index, k])`` and from nothing
@@ -85,14 +84,14 @@ class _Simulated:
         return measure_quality(self.positions, mesh, recorded, body.body_faces, 1.0 / self._data["fps"], crossing)
 
 
-def _part(index: int, plan: Mapping, choice: Choice, number: int, simulated: _Simulated, quality: dict) -> GarmentPart:
+def _part(index: int, plan: Mapping, choice: Choice, number: int, simulated: _Simulated, quality: dict) -> Part:
     data, attempt = plan["data"], simulated.attempt
     figure, garment = attempt.figure, attempt.garment
     twin = simulated.twin() if choice.split == "test" and data["twin"] > 0 else None
     if twin is not None:
         quality["twin_distance"] = float(np.linalg.norm(twin - simulated.positions, axis=-1).mean())
     name, body = f"{index:05d}", f"{choice.body:03d}"
-    return GarmentPart(
+    return Part(
         StoredBody(figure.rest_positions, figure.faces, figure.bones, figure.weights, asdict(figure.shape)),
         StoredGarment(
             kind=garment.kind,
@@ -104,7 +103,7 @@ def _part(index: int, plan: Mapping, choice: Choice, number: int, simulated: _Si
             weights=garment.weights,
             style=asdict(garment.style),
         ),
-        StoredGarmentSequence(
+        StoredSequence(
             name=name,
             garment=name,
             body=body,

@@ -11,10 +11,10 @@ import yaml
 from tqdm import tqdm
 
 from drape.data.difference import refuse_difference
-from drape.data.garment_copy import GarmentPart, stored_part
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_writer import GarmentHeader, garment_writer
+from drape.data.hdf5 import GarmentFile
+from drape.data.hdf5_writer import data_writer
 from drape.data.parts_folder import OTHERWISE, claimed, parts_of
+from drape.data.stored_part import Header, Part
 from drape.errors import DrapeError
 
 SHOWN = 20
@@ -58,7 +58,7 @@ def frame_range(frames: list) -> tuple[int, int]:
 
 
 def convert(
-    path: Path, config: Mapping, header: GarmentHeader, names: Iterable[str], read: Callable[[str], GarmentPart]
+    path: Path, config: Mapping, header: Header, names: Iterable[str], read: Callable[[str], Part]
 ) -> Conversion:
     """Convert sequences ``names``, each made by ``read``, into the file ``path``; ``config`` is what determines them.
 
@@ -106,7 +106,7 @@ def _there(path: Path, config: Mapping) -> GarmentFile | None:
 
 
 def _convert_parts(
-    parts: Path, header: GarmentHeader, names: list[str], read: Callable[[str], GarmentPart]
+    parts: Path, header: Header, names: list[str], read: Callable[[str], Part]
 ) -> dict[str, str]:
     """Make the parts that are missing; returns what was left out, and why."""
     left_out = {}
@@ -114,8 +114,8 @@ def _convert_parts(
     with tqdm(total=len(names), initial=len(names) - len(missing), desc="converting", unit=" sequences") as bar:
         for name in missing:
             try:
-                with garment_writer(_part(parts, name), header) as writer:
-                    read(name).add_to(writer)
+                with data_writer(_part(parts, name), header) as writer:
+                    writer.add(read(name))
             except DrapeError as error:
                 left_out[name] = str(error)
                 bar.set_postfix(left_out=len(left_out))
@@ -123,14 +123,14 @@ def _convert_parts(
     return left_out
 
 
-def _pack(path: Path, header: GarmentHeader, there: GarmentFile | None, parts: Path, names: list[str]) -> None:
+def _pack(path: Path, header: Header, there: GarmentFile | None, parts: Path, names: list[str]) -> None:
     size = sum(_part(parts, name).stat().st_size for name in names) + (0 if there is None else path.stat().st_size)
-    with garment_writer(path, header, size) as writer:
+    with data_writer(path, header, size) as writer:
         for name in () if there is None else there.names:
-            stored_part(there, name).add_to(writer)
+            writer.add(there.part(name))
         for name in tqdm(names, desc="packing", unit=" sequences"):
             with GarmentFile(_part(parts, name)) as file:
-                stored_part(file, name).add_to(writer)
+                writer.add(file.part(name))
 
 
 def _part(parts: Path, name: str) -> Path:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from drape.data.loader import WindowLoader, share_of
 from drape.data.observation import AS_RECORDED, Observation
-from drape.data.piece import Piece
+from drape.data.sequence import GarmentSequence
 from drape.data.statistics import training_statistics
 from drape.data.trajectories import open_trajectories
 from drape.data.windows import Window
@@ -63,34 +63,34 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         unknown = [name for name in self.fabrics if name not in self.file.fabrics]
         if unknown:
             raise DrapeError(f"{path}: no fabric {', '.join(unknown)}; it has {', '.join(self.file.fabrics)}")
-        frames = np.array([self.file.frames_of(sequence) for sequence in range(self.file.num_sequences)])
+        frames = np.array([sequence.num_frames for sequence in self.file.sequences])
         self.observation = observation
         self._windows_of = frames - 2 * observation.stride
         if self._windows_of.min() < 1:
             raise DrapeError(
                 f"{path}: {frames.min()} frames in a sequence; a window needs {2 * observation.stride + 1}"
             )
+        self._fabric = np.array([self.file.fabrics.index(sequence.fabric) for sequence in self.file.sequences])
         self.train_sequences = self._sequences("train")[:train_sequences]
         self.test_sequences = self._sequences("test")
         self.validation_sequences = self.test_sequences[:validation_sequences]
         materials = self.file.materials
         vectors = [attribute_vector(materials[name], attribute_scales) for name in self.file.fabrics]
         self._attributes = torch.tensor(vectors, dtype=torch.float64)
-        self._fabric_of_sequence = self.file.fabric
-        self._is_training = np.isin(np.arange(self.file.num_sequences), self._sequences("train"))
-        self._mass_and_free = cache(mass_and_free)
+        self._is_training = np.isin(np.arange(len(frames)), self._sequences("train"))
+        self._mass_and_free = cache(lambda number: mass_and_free(self.file.sequences[number]))
         self._mesh_batch = lru_cache(maxsize=16)(lambda *meshes: MeshBatch.from_meshes(meshes))
 
     def _sequences(self, split: str) -> np.ndarray:
-        wanted = [self.file.fabrics.index(name) for name in self.fabrics]
-        sequences = self.file.split(split)
-        sequences = sequences[np.isin(self.file.fabric[sequences], wanted)]
-        if len(sequences) == 0:
+        """Numbers of the sequences of a split that are of the fabrics in use."""
+        every = enumerate(self.file.sequences)
+        numbers = np.array([k for k, each in every if each.split == split and each.fabric in self.fabrics], np.int64)
+        if len(numbers) == 0:
             raise DrapeError(
                 f"{self.file.path}: split {split} has no sequence of {', '.join(self.fabrics)}; "
                 "generate more sequences or choose other fabrics"
             )
-        return sequences
+        return numbers
 
     def attributes_of(self, fabric: str) -> Float[Tensor, " attributes"]:
         """The vector **a** of one fabric of the file, as the networks see it (float64)."""
@@ -99,7 +99,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
     @property
     def face_area(self) -> float:
         """Mean area of the faces of the meshes of the training split [m²]."""
-        meshes = {self.file.piece(int(sequence)).mesh for sequence in self.train_sequences}
+        meshes = dict.fromkeys(self.file.sequences[number].mesh for number in self.train_sequences)
         return float(MeshBatch.from_meshes(list(meshes)).rest_faces.area.mean())
 
     def statistics(self) -> dict[str, float]:
@@ -112,11 +112,10 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         which = np.searchsorted(ends, indices, side="right")
         numbers, starts = sequences[which], indices - np.concatenate([[0], ends])[which]
         x_prev, x, x_next = torch.from_numpy(self._observed(numbers, starts))
-        fabric = torch.from_numpy(self._fabric_of_sequence[numbers])
-        pieces = [self.file.piece(int(number)) for number in numbers]
-        mass, free = zip(*(self._mass_and_free(piece) for piece in pieces), strict=True)
+        fabric = torch.from_numpy(self._fabric[numbers])
+        mass, free = zip(*(self._mass_and_free(int(number)) for number in numbers), strict=True)
         return Window(
-            mesh=self._mesh_batch(*(piece.mesh for piece in pieces)),
+            mesh=self._mesh_batch(*(self.file.sequences[number].mesh for number in numbers)),
             x_prev=x_prev,
             x=x,
             x_next=x_next,
@@ -136,7 +135,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         x = self.file.windows(sequences, frames).astype(np.float64)
         if self.observation.noise == 0:
             return x
-        counts = [self.file.piece(int(number)).mesh.num_vertices for number in sequences]
+        counts = [self.file.sequences[number].mesh.num_vertices for number in sequences]
         return x + np.stack([
             np.concatenate([
                 self._is_training[number] * self.observation.disturbance(int(number), int(frame), count)
@@ -188,11 +187,11 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         return self.loader(self.test_sequences, self.eval_batch_size, **share_of(self.trainer))
 
 
-def mass_and_free(piece: Piece) -> tuple[Float[Tensor, " vertices"], Bool[Tensor, " vertices"]]:
+def mass_and_free(sequence: GarmentSequence) -> tuple[Float[Tensor, " vertices"], Bool[Tensor, " vertices"]]:
     """Mass of each vertex [kg], and whether it is not pinned."""
-    free = torch.ones(piece.mesh.num_vertices, dtype=torch.bool)
-    free[torch.from_numpy(piece.pinned)] = False
-    return torch.from_numpy(piece.mass).double(), free
+    free = torch.ones(sequence.mesh.num_vertices, dtype=torch.bool)
+    free[torch.from_numpy(sequence.pinned)] = False
+    return torch.from_numpy(sequence.mass), free
 
 
 def _spaced(indices: np.ndarray, count: int, batch_size: int) -> list[np.ndarray]:

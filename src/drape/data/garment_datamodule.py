@@ -9,10 +9,10 @@ from functools import lru_cache
 import lightning
 import numpy as np
 
-from drape.data.garment_hdf5 import GarmentFile
 from drape.data.garment_rollout import GarmentRollout, SingleRollout
-from drape.data.garment_scene import START
+from drape.data.hdf5 import GarmentFile
 from drape.data.loader import WindowLoader, share_of
+from drape.data.recorded_scene import START
 from drape.data.sequence_loader import SequenceLoader
 from drape.errors import DrapeError
 from drape.geometry.mesh_batch import MeshBatch

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from drape.data.garment_hdf5 import GarmentFile
+from drape.data.hdf5 import GarmentFile
 from drape.data.windows import Window
 from drape.errors import DrapeError
 from drape.geometry.mesh_batch import MeshBatch

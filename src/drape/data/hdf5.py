@@ -1,8 +1,7 @@
-"""Read data sets of trajectories in HDF5; the layout and the check are those of schema."""
+"""Read data sets of cloth in HDF5, whatever their format; schema has the layout, index the check."""
 
 from __future__ import annotations
 
-import os
 from functools import cached_property
 from pathlib import Path
 
@@ -10,143 +9,226 @@ import h5py
 import numpy as np
 from jaxtyping import Float, Int
 
-from drape.data import schema
-from drape.data.piece import Piece
+from drape.data import earlier_friction
+from drape.data.earlier_recordings import index_of_recordings
+from drape.data.index import Index, Layout
+from drape.data.schema import AGAIN, FIELDS, GARMENTS, GROUP_ATTRIBUTES, RECORDINGS, SHEETS, SPLITS, VERSIONS, plain
+from drape.data.sequence import GarmentSequence
+from drape.data.sheets import index_of_sheets
+from drape.data.stored_part import STORED, Part, StoredBody, StoredGarment, StoredSequence
 from drape.errors import DrapeError
 from drape.geometry.mesh import ClothMesh
-from drape.stored import check_hdf5, reading
+from drape.stored import check_hdf5, reading, sound
+
+GENERATE = "python src/generate.py data=garments"
 
 
-class TrajectoryFile:
-    """A data set opened for reading. Only what is asked for is read; positions are mapped from the file, never kept.
+class GarmentFile:
+    """A data set opened for reading, of garments or of sheets, which are garments without a body.
 
-    The file is checked in full (once, one sequence at a time) when the object is made. The object can be pickled and
-    used after a fork: every process opens the file for itself.
+    Names and attributes are in memory, arrays stay in the file. Opening checks the structure, all references, indices
+    and meshes. Frames are mapped, and checked to be finite whenever they are read (the writer has checked them all
+    before the file got its name), so that opening takes the same time however long the sequences are. The object can be
+    pickled and used after a fork.
+
+    Args:
+        path: of the file.
+        command: that makes such a file, for messages.
 
     Raises:
         DrapeError: no such file, not HDF5 or cut off, or anything that the schema does not allow.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, command: str = GENERATE) -> None:
         self.path = Path(path)
-        self._handle: h5py.File | None = None
-        self._process = -1
-        file = self._file()
-        with reading(self.path, "generate the file again"):
-            schema.check_file(file, self.path)
-            self.mesh  # noqa: B018  # a mesh that is no cloth is refused now
+        with open_hdf5(self.path, command) as file, reading(self.path, AGAIN):
+            self.index = _index_of(file, self.path, command)
+        self._stamp = self._found_stamp()
+        self._meshes: dict[str | bytes, ClothMesh] = {}
+        self._check_length()
+
+    def __enter__(self) -> GarmentFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def __getstate__(self) -> dict:
-        state = {**self.__dict__, "_handle": None, "_process": -1}
-        state.pop("_positions", None)
-        return state
+        passing = ("_map", "_piled", "sequences")
+        return {key: value for key, value in self.__dict__.items() if key not in passing} | {"_meshes": {}}
 
     def close(self) -> None:
-        """Close the file; the next access opens it again."""
-        if self._handle is not None and self._process == os.getpid():
-            self._handle.close()
-        self._handle = None
-        self.__dict__.pop("_positions", None)
+        """Let go of the file; the next access opens it again."""
+        self.__dict__.pop("_map", None)
+        self.__dict__.pop("_piled", None)
 
-    def _file(self) -> h5py.File:
-        if self._handle is None or self._process != os.getpid():
-            self._handle = open_hdf5(self.path, f"python src/generate.py data.path={self.path}")
-            self._process = os.getpid()
-        return self._handle
+    def _found_stamp(self) -> tuple[int, int]:
+        stat = self.path.stat()
+        return stat.st_size, stat.st_mtime_ns
+
+    def _check_length(self) -> None:
+        for name, layout in self.index.layouts.items():
+            end = layout.offset + int(np.prod(layout.shape)) * np.dtype(layout.dtype).itemsize
+            if end > self._stamp[0]:
+                raise DrapeError(
+                    f"{self.path}: {name}: found a file of {self._stamp[0]} bytes; expected at least {end}; it is cut "
+                    "off: copy or make it again"
+                )
+
+    @cached_property
+    def _map(self) -> np.memmap:
+        if not self.path.is_file() or self._found_stamp() != self._stamp:
+            raise DrapeError(f"{self.path}: was replaced or changed since it was opened; open it again")
+        return np.memmap(self.path, np.uint8, "r")
 
     def attribute(self, name: str) -> object:
         """One of ``schema.ATTRIBUTES``."""
-        return schema.plain(self._file().attrs[name])
+        return plain(self.index.attributes[name])
 
-    @cached_property
-    def mesh(self) -> ClothMesh:
-        group = self._file()["mesh"]
-        return ClothMesh.from_faces(group["rest_positions"][:], group["faces"][:], name=f"{self.path}: mesh")
+    @property
+    def source(self) -> str:
+        """What made the frames."""
+        return self.attribute("source")
 
-    @cached_property
-    def pinned(self) -> Int[np.ndarray, " pinned"]:
-        return self._file()["mesh/pinned"][:]
+    @property
+    def fps(self) -> float:
+        """Frames per second [1/s]."""
+        return self.attribute("fps")
 
-    @cached_property
+    @property
     def dt(self) -> float:
         """Time step [s]."""
         return self.attribute("dt")
 
-    @cached_property
+    @property
     def gravity(self) -> Float[np.ndarray, " 3"]:
         """Acceleration really applied [m/s²]."""
         return np.asarray(self.attribute("gravity"), np.float64)
 
-    @cached_property
+    @property
     def fabrics(self) -> tuple[str, ...]:
-        """Names of the fabrics; :attr:`fabric` counts in this order."""
         return tuple(self.attribute("fabrics"))
 
-    @cached_property
-    def materials(self) -> dict[str, dict[str, float | int | str]]:
+    @property
+    def materials(self) -> dict[str, dict]:
         """Blender's settings per fabric, and ``mass_per_vertex`` [kg]."""
-        groups = self._file()["materials"]
-        return {name: {key: schema.plain(value) for key, value in groups[name].attrs.items()} for name in self.fabrics}
+        return self.index.materials
 
     @cached_property
-    def fabric(self) -> Int[np.ndarray, " sequences"]:
-        """Index into :attr:`fabrics` per sequence."""
-        return self._file()["fabric"][:]
+    def names(self) -> tuple[str, ...]:
+        """Names of the sequences, sorted."""
+        return tuple(sorted(self.index.groups["sequences"]))
 
-    @cached_property
-    def attempts(self) -> Int[np.ndarray, " sequences"]:
-        """How many random starts a sequence took; 1 if the first was accepted."""
-        return self._file()["attempts"][:]
+    def split(self, name: str) -> tuple[str, ...]:
+        """The sequences of split ``train`` or ``test``."""
+        if name not in SPLITS:
+            raise DrapeError(f"{self.path}: split {name!r}; expected one of {', '.join(SPLITS)}")
+        return tuple(key for key in self.names if self.index.groups["sequences"][key]["split"] == name)
 
-    @cached_property
-    def num_sequences(self) -> int:
-        return self._file()["positions"].shape[0]
+    def sequence(self, name: str) -> GarmentSequence:
+        """One sequence; its frames are read when they are asked for.
 
-    @cached_property
-    def num_frames(self) -> int:
-        return self._file()["positions"].shape[1]
-
-    def split(self, name: str) -> Int[np.ndarray, " selected"]:
-        """The numbers of the sequences of split ``train`` or ``test``."""
-        if name not in schema.SPLITS:
-            raise DrapeError(f"{self.path}: split {name!r}; expected one of {', '.join(schema.SPLITS)}")
-        return np.flatnonzero(self._file()["split"][:] == schema.SPLITS.index(name))
-
-    def positions(
-        self, sequence: int, start: int = 0, stop: int | None = None
-    ) -> Float[np.ndarray, "frames vertices 3"]:
-        """Positions [m] of frames ``start`` to ``stop`` (exclusive; default: to the end) of one sequence."""
-        stop = self.num_frames if stop is None else stop
-        if not (0 <= sequence < self.num_sequences and 0 <= start < stop <= self.num_frames):
+        Raises:
+            DrapeError: there is no such sequence.
+        """
+        if name not in self.index.groups["sequences"]:
             raise DrapeError(
-                f"{self.path}: positions: asked for sequence {sequence}, frames {start} to {stop}; expected a sequence "
-                f"in 0..{self.num_sequences - 1} and frames in 0..{self.num_frames}"
+                f"{self.path}: found no sequence {name!r}; expected one of {len(self.names)}, from {self.names[0]} to "
+                f"{self.names[-1]}"
             )
-        return self._positions[sequence, start:stop].copy()  # what is returned stays when the file is closed
+        attributes = self.index.groups["sequences"][name]
+        garment = self.index.groups["garments"].get(attributes["garment"], {"kind": ""})
+        known = {key: attributes[key] for key in GarmentSequence.stored_attributes()}
+        return GarmentSequence(file=self, name=name, kind=garment["kind"], **known)
+
+    @cached_property
+    def sequences(self) -> tuple[GarmentSequence, ...]:
+        """All of them, in the order of their names."""
+        return tuple(self.sequence(name) for name in self.names)
+
+    def mesh(self, garment: str) -> ClothMesh:
+        """Rest positions [m] and topology of a garment; garments of the same mesh share the object.
+
+        Raises:
+            DrapeError: the mesh is no cloth, such as an edge with three faces.
+        """
+        if garment not in self._meshes:
+            where = f"garments/{garment}"
+            rest, faces = (self._stored(f"{where}/{name}").copy() for name in ("rest_positions", "faces"))
+            content = rest.tobytes() + faces.tobytes()
+            if content not in self._meshes:
+                self._meshes[content] = ClothMesh.from_faces(rest, faces, name=f"{self.path}: {where}")
+            self._meshes[garment] = self._meshes[content]
+        return self._meshes[garment]
+
+    def array(
+        self, name: str, start: int = 0, stop: int | None = None
+    ) -> Float[np.ndarray, "..."] | Int[np.ndarray, "..."]:
+        """Rows ``start`` to ``stop`` (default: all) of a dataset: a copy, in float64 or int64.
+
+        Raises:
+            DrapeError: a number that is not finite, or a file that was changed meanwhile.
+        """
+        stored = self._stored(name, start, stop)
+        return stored.astype(np.float64 if stored.dtype.kind == "f" else np.int64)
+
+    def _stored(self, name: str, start: int = 0, stop: int | None = None) -> np.ndarray:
+        """As :meth:`array`, not copied, as it is stored."""
+        offset, shape, kind = self.index.layouts[name]
+        rows = np.ndarray(shape, kind, buffer=self._map if np.prod(shape) else None, offset=offset)[start:stop]
+        finite = sound(rows) if rows.dtype.kind == "f" else np.ones(1, bool)
+        if not finite.all():
+            row = start + int(np.argmin(finite.reshape(len(rows), -1).all(axis=1)))
+            raise DrapeError(
+                f"{self.path}: {name}: frame {row}: found a number that is not finite; expected finite numbers; {AGAIN}"
+            )
+        return rows
 
     def windows(
-        self, sequences: Int[np.ndarray, " windows"], frames: Int[np.ndarray, "length windows"]
+        self, numbers: Int[np.ndarray, " windows"], frames: Int[np.ndarray, "length windows"]
     ) -> Float[np.ndarray, "length vertices 3"]:
-        """Positions [m] of the ``frames`` of each window, the vertices of all windows one after the other."""
-        return self._positions[sequences, frames].reshape(len(frames), -1, 3)
+        """Recorded positions [m] of the ``frames`` of windows, the vertices of all windows one after the other.
 
-    def frames_of(self, sequence: int) -> int:
-        """Number of frames of a sequence: the same for all."""
-        return self.num_frames
-
-    def piece(self, sequence: int) -> Piece:
-        """The piece of cloth of a sequence: one for each fabric, whose vertices all weigh the same."""
-        return self._pieces[self.fabric[sequence]]
+        ``numbers`` count through :attr:`sequences`. Not checked again (:func:`open_trajectories` has), in float32.
+        """
+        if isinstance(self._piled, np.ndarray):
+            return self._piled[numbers, frames].reshape(len(frames), -1, 3)
+        pairs = zip(numbers.tolist(), frames.T, strict=True)
+        return np.concatenate([self._piled[number][seen] for number, seen in pairs], axis=1)
 
     @cached_property
-    def _pieces(self) -> list[Piece]:
-        masses = [float(self.materials[name]["mass_per_vertex"]) for name in self.fabrics]
-        return [Piece(self.mesh, self.pinned, np.full(self.mesh.num_vertices, mass)) for mass in masses]
+    def _piled(self) -> Float[np.ndarray, "sequences frames vertices 3"] | list[Float[np.ndarray, "frames vertices 3"]]:
+        """Recorded positions of each sequence; as one array where they lie in the file like that, as sheets do."""
+        layouts = [self.index.layouts[f"sequences/{name}/positions"] for name in self.names]
+        offset, shape, kind = layouts[0]
+        size = int(np.prod(shape)) * np.dtype(kind).itemsize
+        if layouts == [Layout(offset + number * size, shape, kind) for number in range(len(layouts))]:
+            return np.asarray(np.ndarray((len(layouts), *shape), kind, buffer=self._map, offset=offset))
+        return [np.asarray(np.ndarray(each.shape, each.dtype, self._map, each.offset)) for each in layouts]
 
-    @cached_property
-    def _positions(self) -> Float[np.ndarray, "sequences frames vertices 3"]:
-        dataset = self._file()["positions"]
-        return np.asarray(np.memmap(self.path, dataset.dtype, "r", dataset.id.get_offset(), dataset.shape))
+    def check_frames(self) -> None:
+        """Read every frame of every sequence once, one sequence at a time.
+
+        Raises:
+            DrapeError: a number that is not finite.
+        """
+        for name in self.names:
+            for entry in FIELDS["sequences"]:
+                if f"sequences/{name}/{entry.name}" in self.index.layouts:
+                    self._stored(f"sequences/{name}/{entry.name}")
+
+    def part(self, name: str) -> Part:
+        """Sequence ``name`` with everything that it needs, as it goes into another file."""
+        sequence = self.sequence(name)
+        garment = self._part("garments", sequence.garment) if sequence.garment else None
+        body = self._part("bodies", sequence.body) if sequence.body else None
+        return Part(body, garment, self._part("sequences", name, name=name))
+
+    def _part(self, kind: str, group: str, **more: str) -> StoredBody | StoredGarment | StoredSequence:
+        attributes = {key: self.index.groups[kind][group][key] for key in GROUP_ATTRIBUTES[kind]}
+        names = {entry.name: f"{kind}/{group}/{entry.name}" for entry in FIELDS[kind]}
+        arrays = {key: self.array(name) for key, name in names.items() if name in self.index.layouts}
+        return STORED[kind](**attributes, **arrays, **more)
 
 
 def open_hdf5(path: Path, command: str) -> h5py.File:
@@ -171,3 +253,23 @@ def open_hdf5(path: Path, command: str) -> h5py.File:
         file.close()
         raise
     return file
+
+
+def _index_of(file: h5py.File, path: Path, command: str) -> Index:
+    """The index of a file of any format and version."""
+    kind, version = (plain(file.attrs.get(name, "nothing")) for name in ("format", "schema_version"))
+    versions = range(1, VERSIONS.get(kind, 0) + 1) if isinstance(kind, str) else ()
+    if version not in versions:
+        name, found, known = ("schema_version", version, versions) if versions else ("format", kind, VERSIONS)
+        raise DrapeError(
+            f"{path}: attribute {name}: found {found!r}; expected {' or '.join(map(repr, known))}; this is no data set "
+            f"of this version, make one with: {command}"
+        )
+    if kind == SHEETS:
+        return index_of_sheets(file, path)
+    if kind == RECORDINGS and version == 1:
+        return index_of_recordings(file, path)
+    index = Index.of_groups(file, path)
+    if kind == GARMENTS and version == 1:
+        earlier_friction.mend(index.attributes, index.groups["sequences"], path)
+    return index

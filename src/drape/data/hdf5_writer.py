@@ -1,111 +1,102 @@
-"""Write a data set of trajectories in HDF5; the layout is that of schema, the check that of reading."""
+"""Write data sets of cloth in HDF5, one sequence at a time; schema has the layout, the check is that of reading."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+import contextlib
+import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import h5py
 import numpy as np
-from jaxtyping import Float, Int
 
-import drape
-from drape.data import schema
-from drape.data.hdf5 import TrajectoryFile
+from drape.data.hdf5 import GarmentFile
+from drape.data.index import Index
+from drape.data.schema import FIELDS, GROUP_ATTRIBUTES, JSON_ATTRIBUTES
+from drape.data.sheets import SheetWriter
+from drape.data.stored_part import Header, Part
 from drape.data.whole_file import flush, reserve, whole_file
 from drape.errors import DrapeError
-from drape.geometry.mesh import ClothMesh
 
 
-@dataclass(frozen=True, eq=False)
-class DatasetHeader:
-    """Everything in a file that is not a sequence."""
-
-    mesh: ClothMesh
-    pinned: Int[np.ndarray, " pinned"]
-    materials: Mapping[str, Mapping[str, float | int | str]]
-    """Fabric name to Blender settings and ``mass_per_vertex`` [kg]; the dataset ``fabric`` counts in this order."""
-    fps: float
-    """Frames per second [1/s]."""
-    gravity: tuple[float, float, float]
-    """Acceleration really applied [m/s²]."""
-    seed: int
-    blender_version: str
-    config: str
-    """The configuration as YAML."""
-
-
-class StoredSequence(NamedTuple):
-    """One sequence as it goes into a file."""
-
-    positions: Float[np.ndarray, "frames vertices 3"]
-    """Positions [m], one frame every 1 / fps seconds."""
-    fabric: int
-    split: int
-    attempts: int
-
-
-def write_trajectories(path: Path, header: DatasetHeader, sequences: Iterable[StoredSequence], count: int) -> None:
-    """Write ``count`` sequences under a temporary name, check the result, and move it to ``path``.
+class GroupWriter:
+    """Adds bodies, garments and sequences to a file as groups; every one is checked when it is added.
 
     Raises:
-        DrapeError: the sequences do not fit the schema; ``path`` is untouched.
+        DrapeError: a part does not fit the schema, or what was added before.
+    """
+
+    def __init__(self, file: h5py.File, path: Path, header: Header) -> None:
+        self._file, self._path, self._index = file, path, Index()
+        fabrics = np.array(list(header.materials), h5py.string_dtype())
+        file.attrs.update(header.attributes | {"fabrics": fabrics})
+        for fabric, settings in header.materials.items():
+            file.create_group(f"materials/{fabric}").attrs.update(settings)
+        self._index.materials.update(header.materials)
+
+    def add(self, part: Part) -> None:
+        """Add the sequence, and its body and garment if they are not there yet."""
+        sequence = part.sequence
+        for kind, name, stored in (("bodies", sequence.body, part.body), ("garments", sequence.garment, part.garment)):
+            if stored is not None and name not in self._index.groups[kind]:
+                self._add(kind, name, stored)
+        self._add("sequences", sequence.name, sequence)
+
+    def set_mass(self, fabric: str, mass_per_vertex: float) -> None:
+        """The mean mass of a vertex of a fabric [kg], where it is known only when all sequences are there."""
+        self._file[f"materials/{fabric}"].attrs["mass_per_vertex"] = mass_per_vertex
+
+    def _add(self, kind: str, name: str, part: object) -> None:
+        if not name or "/" in name or name in self._index.groups[kind]:
+            raise DrapeError(f"{self._path}: {kind}: found the name {name!r}; expected a new one, without '/'")
+        group = self._file.create_group(f"{kind}/{name}")
+        for key in GROUP_ATTRIBUTES[kind]:
+            value = getattr(part, key)
+            group.attrs[key] = json.dumps(value, sort_keys=True) if key in JSON_ATTRIBUTES else value
+        for entry in FIELDS[kind]:
+            array = getattr(part, entry.name)
+            if array is None:
+                continue
+            data = np.ascontiguousarray(array, entry.dtype)
+            if not np.isfinite(data).all():
+                raise DrapeError(f"{self._path}: {kind}/{name}/{entry.name}: found a number that is not finite")
+            group.create_dataset(entry.name, data=data).attrs.update(units=entry.unit, meaning=entry.meaning)
+        self._index.add(self._file, self._path, kind, name)
+
+
+@contextlib.contextmanager
+def data_writer(path: Path | str, header: Header, size: int = 0) -> Iterator[GroupWriter]:
+    """A writer to a temporary name; when the block ends well the whole file is checked and becomes ``path``.
+
+    ``size``: about how many bytes there will be, so that a full disk is found before the work.
+
+    Raises:
+        DrapeError: what was added does not fit the schema; ``path`` is untouched.
         OSError: the disk is full or not writable; ``path`` is untouched.
     """
-    path = Path(path)
-    sequences = iter(sequences)
-    first = list(itertools.islice(sequences, 1))
+    with _checked(Path(path), size) as file:
+        yield GroupWriter(file, Path(path), header)
+
+
+@contextlib.contextmanager
+def sheet_writer(path: Path | str, header: Header, count: int, size: int = 0) -> Iterator[SheetWriter]:
+    """As :func:`data_writer`, of ``count`` sheets of one mesh, in the format that has them in one dataset.
+
+    Raises:
+        DrapeError, OSError: as :func:`data_writer`.
+    """
+    with _checked(Path(path), size) as file:
+        writer = SheetWriter(file, Path(path), header, count)
+        yield writer
+        writer.finish()
+
+
+@contextlib.contextmanager
+def _checked(path: Path, size: int) -> Iterator[h5py.File]:
     with whole_file(path) as temporary:
-        reserve(temporary, count * sum(sequence.positions.nbytes for sequence in first))
-        with h5py.File(temporary, "w") as file:
-            _write_header(file, header)
-            _write_sequences(file, itertools.chain(first, sequences), count)
-        TrajectoryFile(temporary).close()
+        reserve(temporary, size)
+        with h5py.File(temporary, "w", libver="v110") as file:  # opens much faster than HDF5's oldest format
+            yield file
+        with GarmentFile(temporary) as written:
+            written.check_frames()
         flush(temporary)
-
-
-def _write_header(file: h5py.File, header: DatasetHeader) -> None:
-    file.attrs.update(
-        format=schema.FORMAT,
-        schema_version=schema.VERSION,
-        drape_version=drape.__version__,
-        blender_version=header.blender_version,
-        seed=header.seed,
-        fps=header.fps,
-        dt=1.0 / header.fps,
-        gravity=np.asarray(header.gravity, np.float64),
-        up_axis="z",
-        fabrics=list(header.materials),
-        config=header.config,
-    )
-    arrays = {"rest_positions": header.mesh.rest_positions, "faces": header.mesh.faces, "pinned": header.pinned}
-    for field in schema.FIELDS:
-        if field.name.startswith("mesh/"):
-            data = np.asarray(arrays[field.name.removeprefix("mesh/")], field.dtype)
-            _describe(file.create_dataset(field.name, data=data), field)
-    for fabric, settings in header.materials.items():
-        file.create_group(f"materials/{fabric}").attrs.update(settings)
-
-
-def _write_sequences(file: h5py.File, sequences: Iterable[StoredSequence], count: int) -> None:
-    fields = [field for field in schema.FIELDS if field.dims[0] == "sequences"]
-    written = 0
-    for index, sequence in enumerate(sequences):
-        for field in fields:
-            value = np.asarray(getattr(sequence, field.name), field.dtype)
-            if index == 0:
-                _describe(file.create_dataset(field.name, (count, *value.shape), field.dtype), field)
-            expected = file[field.name].shape[1:]
-            if value.shape != expected:
-                raise DrapeError(f"sequence {index}: {field.name}: found shape {value.shape}; expected {expected}")
-            file[field.name][index] = value
-        written += 1
-    if written != count or count == 0:
-        raise DrapeError(f"{file.filename}: found {written} sequences; expected {max(count, 1)}")
-
-
-def _describe(dataset: h5py.Dataset, field: schema.Field) -> None:
-    dataset.attrs.update(units=field.unit, meaning=field.meaning)

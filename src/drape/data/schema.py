@@ -1,25 +1,21 @@
-"""The HDF5 schema of a data set of trajectories in one table, and the check that writing and reading share."""
+"""The HDF5 schema of a data set of cloth in one table: sequences of garments on bodies. A sheet is one without a body.
+
+Three formats hold it. In ``drape garments``, and in ``drape recordings``, every body, garment and sequence is a group
+(see index); ``drape trajectories`` holds sheets of one mesh, as many as there may be, with all sequences in one dataset
+(see sheets). Whatever the format, a file is read and written as what stands here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
-import h5py
 import numpy as np
 
-from drape.errors import DrapeError
-from drape.stored import attribute, sound
-
-FORMAT = "drape trajectories"
-VERSION = 1
-PERHAPS_NONE = ("pinned",)
-"""Dimensions of a dataset that may be empty."""
-LARGE = 3
-"""Dimensions of arrays with frames, which are checked frame by frame where they are read, as meshes are as meshes."""
+GARMENTS, RECORDINGS, SHEETS = "drape garments", "drape recordings", "drape trajectories"
+VERSIONS = {GARMENTS: 2, RECORDINGS: 2, SHEETS: 1}
+"""That are written; those of before are read as well: earlier_friction, earlier_recordings."""
 SPLITS = ("train", "test")
-"""``split[i]`` is an index into this tuple."""
+AGAIN = "make the file again"
 
 
 @dataclass(frozen=True)
@@ -33,7 +29,39 @@ class Field:
     meaning: str
 
 
-FIELDS = (
+FIELDS = {
+    "bodies": (
+        Field("rest_positions", ("body vertices", 3), "float32", "m", "rest pose, z up"),
+        Field("faces", ("body faces", 3), "int64", "1", "vertex indices, winding outwards"),
+        Field("bones", ("body vertices", 4), "int64", "1", "joints that carry the vertex; indices into transforms"),
+        Field("weights", ("body vertices", 4), "float32", "1", "share of each of these joints; they sum to 1"),
+    ),
+    "garments": (
+        Field("rest_positions", ("vertices", 3), "float64", "m", "rest shape, around the body's rest pose"),
+        Field("faces", ("faces", 3), "int64", "1", "vertex indices, one winding for all faces"),
+        Field("pinned", ("pinned",), "int64", "1", "vertices led along their recorded positions; may be none"),
+        Field("mass", ("vertices",), "float64", "kg", "mass of each vertex, where they differ"),
+        Field("bones", ("vertices", 4), "int64", "1", "joints that carry the vertex; indices into transforms"),
+        Field("weights", ("vertices", 4), "float32", "1", "share of each of these joints; they sum to 1"),
+    ),
+    "sequences": (
+        Field("positions", ("frames", "vertices", 3), "float32", "m", "garment; frame k is at time k * dt"),
+        Field("transforms", ("frames", "joints", 4, 4), "float32", "1, m", "rest pose to posed: x' = sum_k w_k T_k x"),
+        Field("body_positions", ("frames", "body vertices", 3), "float32", "m", "body; frame k is at time k * dt"),
+        Field("twin", ("frames", "vertices", 3), "float32", "m", "garment, started 1e-6 m beside: the noise floor"),
+    ),
+}
+"""Datasets of every group below ``bodies/``, ``garments/``, ``sequences/``, all of them contiguous."""
+
+OPTIONAL = {
+    "bodies": ("bones", "weights"),
+    "garments": ("mass", "bones", "weights"),
+    "sequences": ("positions", "transforms", "body_positions", "twin"),
+}
+"""Of a body: both or none, and there where a sequence stores transforms. Of a sequence on a body: exactly one of
+transforms and body_positions, neither without a body; positions unless it is the motion of a body alone."""
+
+SHEET_FIELDS = (
     Field("mesh/rest_positions", ("vertices", 3), "float32", "m", "flat rest shape"),
     Field("mesh/faces", ("faces", 3), "int64", "1", "vertex indices, one winding for all faces"),
     Field("mesh/pinned", ("pinned",), "int64", "1", "vertices that do not move"),
@@ -42,20 +70,46 @@ FIELDS = (
     Field("split", ("sequences",), "int8", "1", "0 train, 1 test"),
     Field("attempts", ("sequences",), "int64", "1", "1: the first random start was accepted"),
 )
+"""Datasets of a file of sheets: its one garment, and the sequences' positions and attributes, each for all of them."""
 
 ATTRIBUTES = {
-    "format": repr(FORMAT),
-    "schema_version": str(VERSION),
+    "format": " or ".join(map(repr, VERSIONS)),
+    "schema_version": "that of the format",
     "drape_version": "version of this package",
-    "blender_version": "version of bpy",
-    "seed": "sequence i, attempt k depends on (seed, i, k) only",
+    "source": "what made the frames: 'blender 5.0.1', 'cloth3d', 'vto', 'recorded'",
+    "seed": "sequence i, attempt k depends on (seed, i, k) only; 0 where nothing was drawn",
     "fps": "frames per second [1/s]",
     "dt": "time step 1 / fps [s]",
     "gravity": "acceleration really applied, three numbers [m/s2]",
     "up_axis": "'z'",
-    "fabrics": "names of the groups below materials/; the dataset fabric counts in this order",
+    "fabrics": "names of the groups below materials/; where the fabric is a number it counts in this order",
     "config": "the configuration that made the file, YAML",
 }
+SHEET_ATTRIBUTES = {name: meaning for name, meaning in ATTRIBUTES.items() if name != "source"} | {
+    "blender_version": "version of bpy"
+}
+
+GROUP_ATTRIBUTES = {
+    "bodies": {"shape": "what the body was made from, JSON"},
+    "garments": {
+        "kind": "sheet, tshirt, top, jumpsuit, dress, skirt, trousers, ...",
+        "body": "name of the body in whose rest pose the garment was made; empty without one",
+        "style": "what the garment was made from, JSON",
+    },
+    "sequences": {
+        "garment": "name of a group below garments/; empty: the motion of a body alone",
+        "body": "name of a group below bodies/; empty: a sheet",
+        "fabric": "name of a group below materials/; empty without a garment",
+        "motion": "what the body does, or the file that was recorded",
+        "split": "'train' or 'test'",
+        "attempts": "1: the first try was accepted",
+        "mass_per_vertex": "[kg]; 0 without a garment",
+        "friction": "coefficient of Coulomb's friction between garment and body [1]",
+        "quality": "numbers of the quality control, JSON",
+    },
+}
+TEXT_ATTRIBUTES = ("kind", "body", "garment", "fabric", "motion", "split")
+JSON_ATTRIBUTES = ("shape", "style", "quality")
 
 MATERIAL_ATTRIBUTES = {
     "preset": "name of Blender's preset file",
@@ -68,162 +122,10 @@ MATERIAL_ATTRIBUTES = {
     "quality": "solver steps per frame",
 }
 """Attributes that every group materials/<fabric> has; it holds all other settings of the preset as well."""
-
-
-KINDS = {
-    "drape_version": "a text", "blender_version": "a text", "source": "a text", "up_axis": "'z'", "config": "a text",
-    "fabric": "a text", "fabrics": "names", "fps": "a number above 0", "dt": "a number above 0",
-    "gravity": "three numbers", "frames_wanted": "a whole number from 1 on", "seed": "a whole number from 0 on",
-}  # fmt: skip
-"""Of attributes, whichever file has them."""
-
-
-def check_kinds(attributes: Mapping[str, object], path: Path) -> None:
-    """Check the attributes of a file that :data:`KINDS` knows.
-
-    Raises:
-        DrapeError: path, name, what was found, what was expected.
-    """
-    for name, expected in KINDS.items():
-        if name in attributes:
-            attribute(path, name, plain(attributes[name]), expected)
+RECORDED_MATERIAL = tuple(name for name in MATERIAL_ATTRIBUTES if name not in ("preset", "quality"))
+"""Of a file of recordings: ``mass_per_vertex`` is a mean, others are 0 where nothing is known."""
 
 
 def plain(value: object) -> object:
     """An HDF5 attribute as Python values."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-
-
-def check_file(file: h5py.File, path: Path) -> None:
-    """Check every attribute, dataset and value; positions are read one sequence at a time.
-
-    Raises:
-        DrapeError: path, name, what was found, what was expected.
-    """
-    _check_attributes(file, path)
-    lengths: dict[str, int] = {}
-    for field in FIELDS:
-        check_field(file, path, field, lengths)
-    check_materials(file, path, MATERIAL_ATTRIBUTES, "generate the file again")
-    _check_indices(file, path, lengths["vertices"])
-    _check_positions(file["positions"], path)
-
-
-def _check_attributes(file: h5py.File, path: Path) -> None:
-    for name, expected in (("format", FORMAT), ("schema_version", VERSION)):
-        found = plain(file.attrs.get(name, "nothing"))
-        if found != expected:
-            raise DrapeError(
-                f"{path}: attribute {name}: found {found!r}; expected {expected!r}; this is no data set of this "
-                "version, make one with: python src/generate.py"
-            )
-    for name, meaning in ATTRIBUTES.items():
-        if name not in file.attrs:
-            raise DrapeError(f"{path}: attribute {name}: missing; expected {meaning}; generate the file again")
-    check_gravity_and_rate(file, path)
-
-
-def check_gravity_and_rate(file: h5py.File, path: Path) -> None:
-    """Check the attributes gravity, dt and fps.
-
-    Raises:
-        DrapeError: gravity that is not three numbers, or dt that is not 1 / fps.
-    """
-    check_kinds(file.attrs, path)
-    gravity, dt, fps = (np.asarray(file.attrs[name]) for name in ("gravity", "dt", "fps"))
-    if gravity.shape != (3,) or not np.isfinite(gravity).all():
-        raise DrapeError(f"{path}: attribute gravity: found {plain(gravity)}; expected three numbers [m/s2]")
-    if not (dt > 0 and fps > 0 and np.isclose(dt * fps, 1.0)):
-        raise DrapeError(f"{path}: attributes dt and fps: found {dt} s and {fps} 1/s; expected dt = 1 / fps > 0")
-
-
-def check_field(file: h5py.File, path: Path, field: Field, lengths: dict[str, int]) -> None:
-    """Check shape, kind of number and unit of one dataset; ``lengths`` gains the dimensions seen for the first time.
-
-    Raises:
-        DrapeError: path, name, what was found, what was expected.
-    """
-    check_dataset(file.get(field.name), path, field, lengths)
-
-
-def check_dataset(dataset: object, path: Path, field: Field, lengths: dict[str, int]) -> None:
-    """As :func:`check_field`, of what was found under the name of the field.
-
-    Raises:
-        DrapeError: as :func:`check_field`.
-    """
-    dims = ", ".join(str(lengths.get(dim, dim)) for dim in field.dims)
-    expected = f"expected {field.dtype} of shape ({dims})"
-    if not isinstance(dataset, h5py.Dataset):
-        raise DrapeError(f"{path}: {field.name}: missing; {expected}; generate the file again")
-    shape = dataset.shape
-    fits = len(shape) == len(field.dims) and all(
-        length == (dim if isinstance(dim, int) else lengths.setdefault(dim, length))
-        for dim, length in zip(field.dims, shape, strict=True)
-    )
-    if not fits or dataset.dtype != np.dtype(field.dtype) or (0 in shape and field.dims != PERHAPS_NONE):
-        raise DrapeError(
-            f"{path}: {field.name}: found {dataset.dtype} of shape {shape}; {expected}; generate the file again"
-        )
-    checked_later = dataset.ndim >= LARGE or not field.meaning or field.name.endswith("rest_positions")
-    if dataset.dtype.kind == "f" and not checked_later and not sound(dataset[()]).all():
-        raise DrapeError(f"{path}: {field.name}: found a number that is not finite; expected {field.meaning}")
-    unit = plain(dataset.attrs.get("units", "nothing"))
-    if unit != field.unit:
-        raise DrapeError(f"{path}: {field.name}: attribute units: found {unit!r}; expected {field.unit!r}")
-
-
-def check_materials(file: h5py.File, path: Path, names: Iterable[str], cure: str) -> None:
-    """Check that the group of every fabric has the attributes ``names``.
-
-    Raises:
-        DrapeError: path, fabric, what is missing, and the ``cure``.
-    """
-    for fabric in plain(file.attrs["fabrics"]):
-        group = file.get(f"materials/{fabric}")
-        missing = [name for name in names if group is None or name not in group.attrs]
-        if missing:
-            raise DrapeError(f"{path}: materials/{fabric}: missing {', '.join(missing)}; {cure}")
-        check_material(group.attrs, path, fabric, names)
-
-
-def check_material(values: Mapping[str, object], path: Path, fabric: str, names: Iterable[str]) -> None:
-    """Check the kinds of the settings ``names`` of a fabric.
-
-    Raises:
-        DrapeError: path, fabric, setting, what was found, what was expected.
-    """
-    kinds = {"preset": "a text", "mass_per_vertex": "a number above 0"}
-    for name in names:
-        attribute(path, f"{name} of materials/{fabric}", plain(values[name]), kinds.get(name, "a number from 0 on"))
-
-
-def _check_indices(file: h5py.File, path: Path, vertices: int) -> None:
-    fabrics = plain(file.attrs["fabrics"])
-    allowed = {
-        "fabric": (len(fabrics), f" ({', '.join(fabrics)})"),
-        "split": (len(SPLITS), f" ({', '.join(SPLITS)})"),
-        "mesh/pinned": (vertices, ""),
-        "mesh/faces": (vertices, ""),
-    }
-    for name, (stop, names) in allowed.items():
-        values = file[name][:]
-        bad = values[(values < 0) | (values >= stop)]
-        if len(bad):
-            where = int(np.argwhere(values == bad[0])[0][0])
-            raise DrapeError(f"{path}: {name}: entry {where}: found {bad[0]}; expected 0..{stop - 1}{names}")
-
-
-def _check_positions(positions: h5py.Dataset, path: Path) -> None:
-    if positions.id.get_offset() is None:
-        raise DrapeError(
-            f"{path}: positions: found chunks or compression; expected numbers that lie in the file as they are, since "
-            f"training maps them; repack them: h5repack -f positions:NONE -l positions:CONTI {path} repacked.h5"
-        )
-    for sequence in range(positions.shape[0]):
-        finite = sound(positions[sequence]).all(axis=(1, 2))
-        if not finite.all():
-            raise DrapeError(
-                f"{path}: positions: sequence {sequence}, frame {int(np.argmin(finite))}: found a number that is not "
-                "finite; expected positions in metres; generate the file again"
-            )

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import lightning
 
-from drape.data.garment_sequence import GarmentSequence
+from drape.data.sequence import GarmentSequence
 
 
 class Watched:

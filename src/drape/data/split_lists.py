@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from drape.data.garment_schema import SPLITS
+from drape.data.schema import SPLITS
 from drape.errors import DrapeError
 
 

@@ -1,24 +1,26 @@
-"""Data sets that an energy is learned from: Blender's trajectories of one mesh, or recordings of cloth of any mesh."""
+"""Data sets that an energy is learned from: sheets that Blender made, or recordings of anyone's cloth."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from drape.data import recording_schema
-from drape.data.hdf5 import TrajectoryFile, open_hdf5
-from drape.data.recording_hdf5 import RecordingFile
-from drape.data.schema import plain
-
-Trajectories = TrajectoryFile | RecordingFile
-"""Both know their ``fabrics``, ``materials``, ``gravity`` and ``dt``, and of each sequence its piece and positions."""
+from drape.data.hdf5 import GarmentFile
+from drape.errors import DrapeError
 
 
-def open_trajectories(path: Path | str) -> Trajectories:
-    """The data set at ``path``, by what it says it is.
+def open_trajectories(path: Path | str) -> GarmentFile:
+    """The data set at ``path``, all its frames checked; no sequence has a body.
 
     Raises:
-        DrapeError: no such file, or see the two classes.
+        DrapeError: see :class:`GarmentFile`; or a body, a number that is not finite.
     """
-    with open_hdf5(Path(path), f"python src/generate.py data.path={path}") as file:
-        recorded = plain(file.attrs.get("format", "")) == recording_schema.FORMAT
-    return RecordingFile(path) if recorded else TrajectoryFile(path)
+    file = GarmentFile(path, f"python src/generate.py data.path={path}")
+    for sequence in file.sequences:
+        if sequence.body:
+            raise DrapeError(
+                f"{path}: sequences/{sequence.name}: found the body {sequence.body}; expected cloth without bodies, as "
+                "contact is no part of a law; choose a data set of sheets or recordings: python src/generate.py"
+            )
+        _ = sequence.mesh  # one that is no cloth is refused now
+    file.check_frames()
+    return file

@@ -11,8 +11,8 @@ from tqdm import tqdm
 
 from drape.data.animation_hdf5 import AnimationFile, AnimationHeader
 from drape.data.animation_writer import AnimationWriter
-from drape.data.garment_scene import START, recorded_scene
-from drape.data.garment_sequence import GarmentSequence
+from drape.data.recorded_scene import START, recorded_scene
+from drape.data.sequence import GarmentSequence
 from drape.evaluation.method import Method
 from drape.evaluation.scored_sequence import ScoredSequence, read_by_frame, write_rows
 from drape.metrics.garment_scores import AnimatedGarment, frame_scores

@@ -11,8 +11,8 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from drape import config as conf
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_sequence import GarmentSequence
+from drape.data.hdf5 import GarmentFile
+from drape.data.sequence import GarmentSequence
 from drape.energy.fabric import Fabric
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.errors import DrapeError

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from omegaconf import DictConfig
 
 from drape import config as conf
-from drape.data.garment_hdf5 import GarmentFile
+from drape.data.hdf5 import GarmentFile
 from drape.evaluation.garments import evaluate
 from drape.evaluation.method import Method
 from drape.evaluation.output import save

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import scene_frames
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import scene_frames
 from drape.errors import DrapeError
 
 

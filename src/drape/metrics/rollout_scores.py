@@ -10,8 +10,8 @@ from jaxtyping import Float
 from torch import nn
 
 from drape.contact.penetration import Penetration
-from drape.data.garment_scene import recorded_scene
-from drape.data.garment_sequence import GarmentSequence
+from drape.data.recorded_scene import recorded_scene
+from drape.data.sequence import GarmentSequence
 from drape.metrics.collision import behind_nearest_vertex
 from drape.metrics.position import distance_by_frame
 from drape.simulators.neural.cloths import Cloths
@@ -26,7 +26,7 @@ class ScoredRollout(NamedTuple):
 
     sequence: GarmentSequence
     x: Float[np.ndarray, "frames vertices 3"]
-    """Positions [m]; the first ones are those of the recorded frame :data:`~drape.data.garment_scene.START`."""
+    """Positions [m]; the first ones are those of the recorded frame :data:`~drape.data.recorded_scene.START`."""
     scores: dict[str, float]
     """``error_mm``, ``last_error_mm``, ``collision_percent`` (the paper's), ``inside_percent``, ``ms_per_frame``."""
 

@@ -14,10 +14,10 @@ from PIL import Image
 from tqdm import tqdm
 
 from drape.data.animation_hdf5 import AnimationFile
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import START
-from drape.data.garment_sequence import GarmentSequence
+from drape.data.hdf5 import GarmentFile
 from drape.data.look import fabric_colour
+from drape.data.recorded_scene import START
+from drape.data.sequence import GarmentSequence
 from drape.data.whole_file import whole_file
 from drape.errors import DrapeError
 from drape.evaluation.scored_sequence import UNREADABLE

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.collections import PolyCollection
 
-from drape.data.piece import Piece
-from drape.data.trajectories import Trajectories
+from drape.data.hdf5 import GarmentFile
+from drape.data.sequence import GarmentSequence
 
 FRAMES = 6
 PER_FABRIC = 2
@@ -25,29 +25,29 @@ AZIMUTH, ELEVATION = np.radians(35.0), np.radians(18.0)
 """Direction of view: turned about the vertical from the y axis, and from above."""
 
 
-def draw_contact_sheet(file: Trajectories, path: Path) -> Path:
+def draw_contact_sheet(file: GarmentFile, path: Path) -> Path:
     """Draw the first sequences of each fabric, one a row, at evenly spaced times; returns ``path``.
 
     Orthographic, the same scale and place within a row; dots are pins, the back of the cloth is darker.
     """
-    rows = [s for index in range(len(file.fabrics)) for s in np.flatnonzero(file.fabric == index)[:PER_FABRIC]]
-    longest = max(file.frames_of(int(sequence)) for sequence in rows)
+    numbered = list(enumerate(file.sequences))
+    rows = [row for name in file.fabrics for row in [row for row in numbered if row[1].fabric == name][:PER_FABRIC]]
+    longest = max(sequence.num_frames for _, sequence in rows)
     frames = np.unique(np.linspace(0, longest - 1, FRAMES).round().astype(int))
     figure, axes = plt.subplots(
         len(rows), len(frames), figsize=(1.6 * len(frames) + 0.3, 1.6 * len(rows) + 0.3), squeeze=False
     )
-    for line, sequence in zip(axes, rows, strict=True):
-        positions = file.positions(int(sequence))
-        screen = positions.astype(np.float64) @ _view()
+    for line, (number, sequence) in zip(axes, rows, strict=True):
+        screen = sequence.positions @ _view()
         centre = 0.5 * (screen.min((0, 1)) + screen.max((0, 1)))[:2]
         half = 0.53 * np.ptp(screen, axis=(0, 1))[:2].max() * np.array([-1.0, 1.0])
-        fabric = int(file.fabric[sequence])
+        fabric = file.fabrics.index(sequence.fabric)
         for axis, frame in zip(line, frames, strict=True):
             if frame < len(screen):
-                _draw(axis, screen[frame], file.piece(int(sequence)), COLOURS[fabric % len(COLOURS)])
+                _draw(axis, screen[frame], sequence, COLOURS[fabric % len(COLOURS)])
             axis.set(xlim=centre[0] + half, ylim=centre[1] + half, aspect="equal", xticks=[], yticks=[])
             axis.spines[:].set_color("#dddddd")
-        line[0].set_ylabel(f"{file.fabrics[fabric]} (no. {sequence})", fontsize=8)
+        line[0].set_ylabel(f"{file.fabrics[fabric]} (no. {number})", fontsize=8)
     for axis, frame in zip(axes[0], frames, strict=True):
         axis.set_title(f"{frame * file.dt:.2f} s", fontsize=8)
     width, height = figure.get_size_inches()
@@ -65,9 +65,9 @@ def _view() -> Float[np.ndarray, "3 3"]:
     return np.stack([right, np.cross(viewer, right), viewer], axis=1)
 
 
-def _draw(axis: plt.Axes, screen: np.ndarray, piece: Piece, colour: str) -> None:
+def _draw(axis: plt.Axes, screen: np.ndarray, sequence: GarmentSequence, colour: str) -> None:
     """Triangles from back to front, shaded by the angle to the light."""
-    triangles = screen[piece.mesh.faces]
+    triangles = screen[sequence.mesh.faces]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12
     shade = (0.2 + 0.8 * np.abs(normals @ LIGHT)) * np.where(normals[:, 2] > 0, 1.0, 0.72)
@@ -75,4 +75,4 @@ def _draw(axis: plt.Axes, screen: np.ndarray, piece: Piece, colour: str) -> None
     order = np.argsort(triangles[:, :, 2].mean(axis=1))
     colours = np.clip(shade[:, None] * base, 0.0, 1.0)[order]
     axis.add_collection(PolyCollection(triangles[order, :, :2], facecolors=colours, edgecolors=colours, linewidths=0.3))
-    axis.scatter(*screen[piece.pinned, :2].T, s=6, color="black", zorder=3)
+    axis.scatter(*screen[sequence.pinned, :2].T, s=6, color="black", zorder=3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drape.data.garment_hdf5 import GarmentFile, GarmentSequence
+from drape.data.hdf5 import GarmentFile, GarmentSequence
 from drape.report.dataset_card import aligned
 
 COLUMNS = (

@@ -11,8 +11,8 @@ from PIL import Image
 from drape.blender.output import render
 from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_scene import START, recorded_scene
+from drape.data.hdf5 import GarmentFile
+from drape.data.recorded_scene import START, recorded_scene
 from drape.data.whole_file import whole_file
 from drape.report.garment_sheet import one_of_each_kind
 from drape.scene.state import State

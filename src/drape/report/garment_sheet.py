@@ -12,7 +12,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from drape.data.garment_hdf5 import GarmentFile, GarmentSequence
+from drape.data.hdf5 import GarmentFile, GarmentSequence
 from drape.data.look import fabric_colour
 from drape.data.whole_file import whole_file
 from drape.report.preview import BODY_COLOUR

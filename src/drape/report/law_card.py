@@ -24,8 +24,8 @@ def write_law_card(data: str, fabric: str, folder: Path) -> str:
     table = folder / f"{fabric}.npz"
     law, file = read_baked(table), open_trajectories(data)
     stiffness = law.slopes(torch.zeros(1, 2, dtype=torch.float64)).hessian[0].diagonal().tolist()
-    piece = file.piece(int(file.split("train")[0]))
-    density = piece.mass.sum() / (law.face_area * piece.mesh.num_faces)
+    shown = file.sequence(file.split("train")[0])
+    density = shown.mass.sum() / (law.face_area * shown.mesh.num_faces)
     rows = _held_out(folder / f"held_out_{fabric}" / "held_out.csv")
     steps = _steps(rows)
     lines = [

@@ -13,8 +13,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from drape.data.garment_scene import START
 from drape.data.look import fabric_colour
+from drape.data.recorded_scene import START
 from drape.data.whole_file import whole_file
 from drape.metrics.rollout_scores import ScoredRollout
 from drape.report.stage import MOST_ERROR, Stage

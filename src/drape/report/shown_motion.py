@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from drape.data.datamodule import TrajectoryDataModule
+from drape.data.hdf5 import GarmentFile
 from drape.data.recorded.shown_gravity import shown_gravity
-from drape.data.recording_hdf5 import RecordingFile
 from drape.energy.law.spring_hinge import SpringHingeLaw
 from drape.scene.material import ATTRIBUTES
 
@@ -15,7 +15,7 @@ WINDOWS = 300
 """Triplets of frames that the spring-hinge law is fitted on, evenly spaced over the training sequences."""
 
 
-def shown_motion(file: RecordingFile) -> str:
+def shown_motion(file: GarmentFile) -> str:
     """The gravity that it shows, and how much of the internal forces of each fabric springs and hinges explain.
 
     Raises:

@@ -7,8 +7,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 from jaxtyping import Float
 
-from drape.data.garment_scene import START
-from drape.data.garment_sequence import GarmentSequence
+from drape.data.recorded_scene import START
+from drape.data.sequence import GarmentSequence
 from drape.errors import DrapeError
 from drape.scene.follow import follow
 from drape.scene.scene import Scene
@@ -20,7 +20,7 @@ class Baseline(ABC):
     """A simulator of one recorded garment that needs no energy; pinned vertices are led as in every simulator.
 
     Args:
-        scene: of the sequence, as :func:`drape.data.garment_scene.recorded_scene` makes it.
+        scene: of the sequence, as :func:`drape.data.recorded_scene.recorded_scene` makes it.
         sequence: what was recorded, from the first frame on.
     """
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader
 
 from drape.data.garment_frames import GarmentFrames, SampledGarmentFrames
-from drape.data.garment_hdf5 import GarmentFile
+from drape.data.hdf5 import GarmentFile
 from drape.energy.force_balance import ForceBalance, best_ratios, force_balance, material_ratios
 from drape.energy.phys_material import PhysMaterial
 from drape.errors import DrapeError

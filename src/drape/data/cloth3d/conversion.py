@@ -10,8 +10,8 @@ import yaml
 from drape.data.cloth3d.bodies import Bodies, MeshBodies, SmplBodies
 from drape.data.cloth3d.sequence import SequenceReader
 from drape.data.conversion import Conversion, convert, frame_range
-from drape.data.garment_writer import GarmentHeader
 from drape.data.split_lists import read_splits
+from drape.data.stored_part import Header
 from drape.errors import DrapeError
 
 FPS = 30.0
@@ -33,7 +33,7 @@ def convert_cloth3d(data: Mapping) -> Conversion:
     splits = read_splits({path.parent.name for path in root.glob("*/info.mat")}, data["train"], data["test"])
     materials = {fabric: _settings(fabric, node) for fabric, node in data["fabrics"].items()}
     config = {"data": {key: value for key, value in data.items() if key != "path"}}
-    header = GarmentHeader(
+    header = Header(
         source="cloth3d",
         fps=FPS,
         gravity=(0.0, 0.0, -float(data["gravity"])),

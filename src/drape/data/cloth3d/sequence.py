@@ -12,8 +12,7 @@ from drape.data.cloth3d.bodies import Bodies, PosedBody
 from drape.data.cloth3d.info_mat import SequenceInfo, read_info
 from drape.data.cloth3d.pc16 import pc16_shape, read_pc16
 from drape.data.cloth3d.rest_mesh import read_rest_mesh
-from drape.data.garment_copy import GarmentPart
-from drape.data.garment_writer import StoredBody, StoredGarment, StoredGarmentSequence
+from drape.data.stored_part import Part, StoredBody, StoredGarment, StoredSequence
 from drape.errors import DrapeError
 from drape.geometry.mesh import ClothMesh
 
@@ -37,7 +36,7 @@ class SequenceReader:
     splits: Mapping[str, str]
     """Sequence -> ``train`` or ``test``."""
 
-    def read(self, name: str) -> GarmentPart:
+    def read(self, name: str) -> Part:
         """Sequence ``name``.
 
         Raises:
@@ -51,10 +50,10 @@ class SequenceReader:
         mesh = read_rest_mesh(folder / f"{worn}.obj", info.zrot)
         relative = self._frames(folder, worn, mesh, stop)
         body = self.bodies.body(name, info, self.first, stop)
-        return GarmentPart(
+        return Part(
             _stored_body(body, info),
             _stored_garment(name, worn, mesh, info),
-            StoredGarmentSequence(
+            StoredSequence(
                 name=name,
                 body=name,
                 garment=name,

@@ -10,13 +10,14 @@ import yaml
 from tqdm import tqdm
 
 from drape.data.difference import refuse_difference
+from drape.data.hdf5 import GarmentFile
+from drape.data.hdf5_writer import GroupWriter, data_writer
 from drape.data.parts_folder import OTHERWISE
-from drape.data.piece import Piece
 from drape.data.recorded.piece import fabric_of, masses, pinned_vertices
 from drape.data.recorded.rest import RestShapes
 from drape.data.recorded.sequence import Recording, find_sequences, read_recording
-from drape.data.recording_hdf5 import RecordingFile
-from drape.data.recording_writer import RecordedSequence, RecordingHeader, write_recordings
+from drape.data.schema import RECORDED_MATERIAL, RECORDINGS
+from drape.data.stored_part import Header, Part, StoredGarment, StoredSequence
 from drape.data.trajectories import open_trajectories
 from drape.errors import DrapeError
 from drape.scene.material import ATTRIBUTES, attribute_vector
@@ -25,7 +26,7 @@ FEWEST_FRAMES = 5
 """Of a sequence: two to start from, and some that show how the motion goes on."""
 
 
-def convert_recorded(data: Mapping) -> tuple[RecordingFile, bool]:
+def convert_recorded(data: Mapping) -> tuple[GarmentFile, bool]:
     """Read all sequences of ``data.root`` into ``data.path``; returns (file, whether it was made now).
 
     Raises:
@@ -42,21 +43,24 @@ def convert_recorded(data: Mapping) -> tuple[RecordingFile, bool]:
         return file, False
     fabrics = {each.name: fabric_of(each.stem, data["fabric"]) for each in paths}
     splits = split_of_sequences([each.name for each in paths], fabrics, data["test"])
-    first = read_recording(paths[0], data)
-    header = RecordingHeader(
-        fabrics=list(dict.fromkeys(fabrics.values())),
-        fps=first.fps,
+    given = _attributes(data["attributes"] or {}, list(dict.fromkeys(fabrics.values())))
+    unknown = dict.fromkeys(RECORDED_MATERIAL, 0.0)
+    header = Header(
+        source="recorded",
+        fps=read_recording(paths[0], data).fps,
         gravity=(0.0, 0.0, -_positive(data["gravity"], "data.gravity", zero=True)),
+        materials={fabric: unknown | given.get(fabric, {}) for fabric in dict.fromkeys(fabrics.values())},
         config=yaml.safe_dump(config, sort_keys=False),
+        format=RECORDINGS,
     )
-    attributes = _attributes(data["attributes"] or {}, header.fabrics)
     try:
-        write_recordings(path, header, _sequences(paths, data, header, fabrics, splits), attributes)
+        with data_writer(path, header) as writer:
+            _add_sequences(writer, _sequences(paths, data, header, fabrics, splits), given)
     except OSError as error:
         raise DrapeError(
             f"{path}: {error}; make room or set the permissions, then run the same command again"
         ) from error
-    file = RecordingFile(path)
+    file = open_trajectories(path)
     try:
         _check_told_apart(file)
     except DrapeError:
@@ -107,20 +111,42 @@ def split_of_sequences(names: list[str], fabrics: Mapping[str, str], test: float
     return splits
 
 
+def _add_sequences(writer: GroupWriter, parts: Iterator[Part], given: Mapping[str, Mapping[str, float]]) -> None:
+    """Add all; the mass of a vertex of a fabric is the mean over its training sequences, unless it is ``given``."""
+    seen: dict[str, list[float]] = {}
+    for part in parts:
+        writer.add(part)
+        if part.sequence.split == "train":
+            seen.setdefault(part.sequence.fabric, []).append(part.sequence.mass_per_vertex)
+    for fabric, found in seen.items():
+        if "mass_per_vertex" not in given.get(fabric, {}):
+            writer.set_mass(fabric, float(np.mean(found)))
+
+
 def _sequences(
-    paths: list[Path], data: Mapping, header: RecordingHeader, fabrics: Mapping[str, str], splits: Mapping[str, str]
-) -> Iterator[RecordedSequence]:
-    shapes = RestShapes(data)
-    for path in tqdm(paths, desc="reading", unit=" sequences"):
+    paths: list[Path], data: Mapping, header: Header, fabrics: Mapping[str, str], splits: Mapping[str, str]
+) -> Iterator[Part]:
+    """Sequences that have mesh, pins and masses in common are of one garment."""
+    shapes, pieces = RestShapes(data), {}
+    for number, path in enumerate(tqdm(paths, desc="reading", unit=" sequences")):
         recording = read_recording(path, data)
         _check_motion(recording, header.fps, paths[0])
         mesh = shapes.mesh(recording)
-        piece = Piece(
-            mesh=mesh,
-            pinned=pinned_vertices(recording, mesh, data["pins"]),
-            mass=masses(recording, mesh, fabrics[path.name], data["mass"]),
+        pinned = pinned_vertices(recording, mesh, data["pins"])
+        mass = masses(recording, mesh, fabrics[path.name], data["mass"])
+        garment = StoredGarment("sheet", "", mesh.rest_positions, mesh.faces, pinned, mass)
+        key = tuple(array.tobytes() for array in (garment.rest_positions, garment.faces, pinned, mass))
+        sequence = StoredSequence(
+            name=f"{number:06d}",
+            body="",
+            motion=path.name,
+            split=splits[path.name],
+            garment=pieces.setdefault(key, str(len(pieces))),
+            fabric=fabrics[path.name],
+            mass_per_vertex=float(mass.mean()),
+            positions=recording.positions,
         )
-        yield RecordedSequence(path.name, recording.positions, piece, fabrics[path.name], splits[path.name])
+        yield Part(None, garment, sequence)
 
 
 def _check_motion(recording: Recording, fps: float, first: Path) -> None:
@@ -151,7 +177,7 @@ def _attributes(given: Mapping[str, Mapping[str, object]], fabrics: list[str]) -
     }
 
 
-def _check_told_apart(file: RecordingFile) -> None:
+def _check_told_apart(file: GarmentFile) -> None:
     """Two fabrics that have the same attributes would be one to the networks."""
     seen: dict[tuple[float, ...], str] = {}
     for name in file.fabrics:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from drape.data.piece import Piece
-from drape.data.recording_hdf5 import RecordingFile
+from drape.data.hdf5 import GarmentFile
+from drape.data.sequence import GarmentSequence
 from drape.errors import DrapeError
 
 OFF = 0.25
@@ -19,7 +19,7 @@ VISIBLE = 1e-3
 """Singular values below this share of the largest are of a component of gravity that the motion does not show."""
 
 
-def shown_gravity(file: RecordingFile) -> Float[np.ndarray, "3"] | None:
+def shown_gravity(file: GarmentFile) -> Float[np.ndarray, "3"] | None:
     """The gravity that the training sequences show [m/s²]; None if all have pins that are not on one line.
 
     Internal forces have neither a sum nor a moment, and pins on a line have no moment about it. So of cloth without
@@ -31,9 +31,8 @@ def shown_gravity(file: RecordingFile) -> Float[np.ndarray, "3"] | None:
         DrapeError: it differs from that of the file by more than ``OFF``.
     """
     rows, sides = [], []
-    for sequence in file.split("train"):
-        x, piece = file.positions(int(sequence)).astype(np.float64), file.piece(int(sequence))
-        found = _equations(x, piece, file.dt)
+    for name in file.split("train"):
+        found = _equations(file.sequence(name), file.dt)
         if found is not None:
             rows.append(found[0])
             sides.append(found[1])
@@ -50,16 +49,17 @@ def shown_gravity(file: RecordingFile) -> Float[np.ndarray, "3"] | None:
     return gravity
 
 
-def _equations(x: np.ndarray, piece: Piece, dt: float) -> tuple[np.ndarray, np.ndarray] | None:
+def _equations(sequence: GarmentSequence, dt: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Coefficients of (gx, gy, gz, d) and right sides, one row for each frame and component."""
+    x = sequence.positions
     a = (x[2:] - 2.0 * x[1:-1] + x[:-2]) / dt**2
     v = (x[2:] - x[:-2]) / (2.0 * dt)
-    mass = piece.mass[:, None]
-    if not len(piece.pinned):
+    mass = sequence.mass[:, None]
+    if not len(sequence.pinned):
         matrix = np.broadcast_to(mass.sum() * np.eye(3), (len(a), 3, 3))
         drag, side = -(mass * v).sum(1), (mass * a).sum(1)
         return np.concatenate([matrix, drag[..., None]], -1).reshape(-1, 4), side.reshape(-1)
-    pins = x[0, piece.pinned]
+    pins = x[0, sequence.pinned]
     _, spread, axes = np.linalg.svd(pins - pins.mean(0), full_matrices=False)
     if len(pins) > 2 and spread[1] > ON_A_LINE * np.ptp(x[0], axis=0).max():
         return None
@@ -71,7 +71,7 @@ def _equations(x: np.ndarray, piece: Piece, dt: float) -> tuple[np.ndarray, np.n
     return np.concatenate([matrix, drag[..., None]], -1).reshape(-1, 4), side.reshape(-1)
 
 
-def _wrong(file: RecordingFile, gravity: Float[np.ndarray, "3"]) -> str:
+def _wrong(file: GarmentFile, gravity: Float[np.ndarray, "3"]) -> str:
     size, said = float(np.linalg.norm(gravity)), float(np.linalg.norm(file.gravity))
     shown = ", ".join(f"{value:.3g}" for value in gravity)
     found = f"{file.path}: the motion shows gravity of ({shown}) m/s2; expected (0, 0, -{said:.4g}); "

@@ -10,10 +10,9 @@ import numpy as np
 import yaml
 
 from drape.data.conversion import Conversion, convert, frame_range
-from drape.data.garment_copy import GarmentPart
-from drape.data.garment_writer import GarmentHeader, StoredBody, StoredGarmentSequence
 from drape.data.smpl.body_model import SmplModel
 from drape.data.split_lists import read_splits
+from drape.data.stored_part import Header, Part, StoredBody, StoredSequence
 from drape.data.vto.motion import COMMAND, read_motion
 from drape.errors import DrapeError
 from drape.reading.triangles import to_metres
@@ -40,7 +39,7 @@ def convert_vto(data: Mapping) -> Conversion:
     fps, (first, stop) = float(data["fps"]), frame_range(data["frames"])
     splits = read_splits(motions, data["train"], data["test"])
     config = {"data": {key: value for key, value in data.items() if key != "path"}}
-    header = GarmentHeader(
+    header = Header(
         source="vto",
         fps=fps,
         gravity=(0.0, 0.0, -float(data["gravity"])),
@@ -61,7 +60,7 @@ class MotionReader:
     stop: int
     splits: Mapping[str, str]
 
-    def read(self, name: str) -> GarmentPart:
+    def read(self, name: str) -> Part:
         """Motion ``name``, turned from y up to z up.
 
         Raises:
@@ -82,11 +81,11 @@ class MotionReader:
         moved = self.model.posed(motion.poses[frames], shape, motion.translation[frames])
         told = {"model": "smpl", "betas": shape[0].tolist()}
         body = StoredBody(to_metres(rest, 1.0, "y"), self.model.faces, shape=told)
-        sequence = StoredGarmentSequence(
+        sequence = StoredSequence(
             name=name,
             body=name,
             motion=self.paths[name].stem,
             split=self.splits[name],
             body_positions=to_metres(moved, 1.0, "y").astype(np.float32),
         )
-        return GarmentPart(body, None, sequence)
+        return Part(body, None, sequence)

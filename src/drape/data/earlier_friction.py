@@ -1,4 +1,4 @@
-"""Data sets of garments of schema version 1, read as files of today.
+"""Data sets of garments of version 1, read as files of today.
 
 Version 1 stored as ``friction`` what the maker of the frames had: of Blender its own number, in the sequences and in
 the configuration; of CLOTH3D and VTO a coefficient, as today. So the numbers of Blender become coefficients when such a
@@ -13,22 +13,19 @@ from pathlib import Path
 import yaml
 
 from drape.data.blender_friction import coefficient
-from drape.data.garment_schema import VERSION
+from drape.data.schema import GARMENTS, VERSIONS
 from drape.errors import DrapeError
 
-READABLE = (1, VERSION)
 MAKERS = ("blender", "cloth3d", "vto")
 """Whose friction of version 1 is understood."""
 
 
 def mend(attributes: dict[str, object], sequences: Mapping[str, dict], path: Path) -> None:
-    """Give the attributes of a file and of its sequences the meaning of today, in place.
+    """Give the attributes of a file of version 1 and of its sequences the meaning of today, in place.
 
     Raises:
-        DrapeError: version 1 by an unknown maker.
+        DrapeError: an unknown maker.
     """
-    if attributes["schema_version"] == VERSION:
-        return
     maker = str(attributes["source"]).split(" ")[0]
     if maker not in MAKERS:
         raise DrapeError(
@@ -39,7 +36,7 @@ def mend(attributes: dict[str, object], sequences: Mapping[str, dict], path: Pat
         for sequence in sequences.values():
             sequence["friction"] = coefficient(sequence["friction"])
         attributes["config"] = _mended_config(attributes["config"])
-    attributes["schema_version"] = VERSION
+    attributes["schema_version"] = VERSIONS[GARMENTS]
 
 
 def _mended_config(text: str) -> str:

@@ -1,4 +1,4 @@
-"""One recorded garment on a moving body, read from a data set as far as it is asked for."""
+"""One sequence of a data set, a garment on a moving body or a sheet alone, read as far as it is asked for."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drape.figure.skinning import pose_vertices
 from drape.geometry.mesh import ClothMesh
 
 if TYPE_CHECKING:
-    from drape.data.garment_hdf5 import GarmentFile
+    from drape.data.hdf5 import GarmentFile
 
 
 class GarmentWindow(NamedTuple):
@@ -23,8 +23,8 @@ class GarmentWindow(NamedTuple):
 
     positions: Float[np.ndarray, "frames vertices 3"] | None
     """Garment [m]; None in the motion of a body alone."""
-    body_positions: Float[np.ndarray, "frames body_vertices 3"]
-    """[m]"""
+    body_positions: Float[np.ndarray, "frames body_vertices 3"] | None
+    """[m]; None of a sheet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class GarmentSequence:
     """One sequence of a data set; :meth:`GarmentFile.sequence` makes it. What was read once is kept.
 
     A sequence may be the motion of a body alone (VTO): then ``garment``, ``kind`` and ``fabric`` are empty, and what
-    asks for the garment raises a DrapeError.
+    asks for the garment raises a DrapeError. It may be a sheet, without a ``body``: then what asks for that does.
     """
 
     file: GarmentFile = field(repr=False)
@@ -46,7 +46,7 @@ class GarmentSequence:
     split: str
     attempts: int
     mass_per_vertex: float
-    """[kg]"""
+    """[kg]; the mean where vertices differ, see :attr:`mass`."""
     friction: float
     """Coefficient of Coulomb's friction between garment and body."""
     quality: dict
@@ -66,9 +66,8 @@ class GarmentSequence:
 
     @cached_property
     def num_frames(self) -> int:
-        layouts = self.file.index.layouts
-        stored = "transforms" if self._has("transforms") else "body_positions"
-        return layouts[f"sequences/{self.name}/{stored}"].shape[0]
+        stored = next(name for name in ("transforms", "body_positions", "positions") if self._has(name))
+        return self.file.index.layouts[f"sequences/{self.name}/{stored}"].shape[0]
 
     @property
     def is_recorded(self) -> bool:
@@ -86,6 +85,14 @@ class GarmentSequence:
         return self.file.array(f"garments/{self._garment()}/pinned")
 
     @cached_property
+    def mass(self) -> Float[np.ndarray, " vertices"]:
+        """Mass of each vertex [kg]."""
+        stored = f"garments/{self._garment()}/mass"
+        if stored in self.file.index.layouts:
+            return self.file.array(stored)
+        return np.full(self.mesh.num_vertices, float(self.mass_per_vertex))
+
+    @cached_property
     def positions(self) -> Float[np.ndarray, "frames vertices 3"]:
         """The garment [m]."""
         return self._frames("positions", "recorded positions of the garment")
@@ -97,12 +104,12 @@ class GarmentSequence:
 
     @cached_property
     def body_faces(self) -> Int[np.ndarray, "body_faces 3"]:
-        return self.file.array(f"bodies/{self.body}/faces")
+        return self.file.array(f"bodies/{self._worn_on()}/faces")
 
     @cached_property
     def body_rest_positions(self) -> Float[np.ndarray, "body_vertices 3"]:
         """The body in its rest pose [m]."""
-        return self.file.array(f"bodies/{self.body}/rest_positions")
+        return self.file.array(f"bodies/{self._worn_on()}/rest_positions")
 
     @property
     def transforms(self) -> Float[np.ndarray, "frames joints 4 4"] | None:
@@ -141,11 +148,12 @@ class GarmentSequence:
             )
         stored = f"sequences/{self.name}/positions"
         positions = self.file.array(stored, start, stop) if self.is_recorded else None
-        return GarmentWindow(positions, self._body(start, stop))
+        return GarmentWindow(positions, self._body(start, stop) if self.body else None)
 
     def _body(self, start: int, stop: int) -> Float[np.ndarray, "frames body_vertices 3"]:
         if self._has("transforms"):
             return self._posed(f"bodies/{self.body}", start, stop)
+        self._worn_on()
         return self.file.array(f"sequences/{self.name}/body_positions", start, stop)
 
     def _posed(self, group: str, start: int, stop: int) -> Float[np.ndarray, "frames carried 3"]:
@@ -177,6 +185,14 @@ class GarmentSequence:
                 f"{self._where()}: is the motion of a body alone, without a garment; choose a sequence with one"
             )
         return self.garment
+
+    def _worn_on(self) -> str:
+        if not self.body:
+            raise DrapeError(
+                f"{self._where()}: is a sheet without a body; expected a garment on one: choose a data set that has "
+                "some, such as that of python src/generate.py data=garments"
+            )
+        return self.body
 
     def _where(self) -> str:
         return f"{self.file.path}: sequences/{self.name}"

@@ -1,9 +1,10 @@
-"""A recorded garment as a scene: a simulator starts from two recorded frames and goes on by itself."""
+"""A recorded sequence as a scene: a simulator starts from two recorded frames and goes on by itself."""
 
 from __future__ import annotations
 
-from drape.data.garment_hdf5 import GarmentFile
-from drape.data.garment_sequence import GarmentSequence
+from drape.data.hdf5 import GarmentFile
+from drape.data.sequence import GarmentSequence
+from drape.data.trajectories import open_trajectories
 from drape.errors import DrapeError
 from drape.scene.mass import vertex_masses
 from drape.scene.material import Material
@@ -33,8 +34,28 @@ def garment_scene(path: str, sequence: str, frames: int | None = None, fabric: s
     return recorded_scene(recorded, frames)
 
 
-def recorded_scene(sequence: GarmentSequence, frames: int | None = None, areal_density: float | None = None) -> Scene:
-    """Garment, fabric, masses, gravity and friction as recorded; body and pinned vertices move as recorded.
+def held_out(path: str, fabric: str, sequence: int, frames: int) -> Scene:
+    """Test sequence number ``sequence`` (0, 1, ...) of ``fabric``, without a body: see :func:`recorded_scene`.
+
+    Raises:
+        DrapeError: no such file, fabric or sequence, or see :func:`recorded_scene`.
+    """
+    file = open_trajectories(path)
+    if fabric not in file.fabrics:
+        raise DrapeError(f"{path}: found no fabric {fabric!r}; expected one of {', '.join(file.fabrics)}")
+    of_fabric = [each for each in file.sequences if (each.split, each.fabric) == ("test", fabric)]
+    if not 0 <= sequence < len(of_fabric):
+        raise DrapeError(
+            f"{path}: scene.sequence: found {sequence}; expected 0..{len(of_fabric) - 1}, as the test split has "
+            f"{len(of_fabric)} sequences of {fabric}"
+        )
+    return recorded_scene(of_fabric[sequence], frames, name=f"held_out_{fabric}_{sequence}")
+
+
+def recorded_scene(
+    sequence: GarmentSequence, frames: int | None = None, areal_density: float | None = None, name: str | None = None
+) -> Scene:
+    """Cloth, fabric, masses, gravity and friction as recorded; body and pinned vertices move as recorded.
 
     The scene begins at the recorded frame 1 with ``v = (x¹ - x⁰) / dt``; its frame k is the recorded frame k + 1, and
     the recorded frames are its ``reference``. ``frames`` to simulate; None for all that are recorded.
@@ -44,20 +65,24 @@ def recorded_scene(sequence: GarmentSequence, frames: int | None = None, areal_d
         DrapeError: the garment was not recorded, or fewer frames than asked for.
     """
     file, frames = sequence.file, scene_frames(sequence, frames)
-    mass = {"per_vertex": sequence.mass_per_vertex} if areal_density is None else {"areal_density": areal_density}
+    mass = sequence.mass if areal_density is None else vertex_masses(sequence.mesh, {"areal_density": areal_density})
     recorded = sequence.positions[: START + frames + 1]
+    body, pinned = sequence.window(START, frames + 1).body_positions, sequence.pinned
+    pins = None
+    if len(pinned):  # those of a sheet stand still
+        pins = Pins.fixed(pinned, recorded[START]) if body is None else Pins(pinned, recorded[START:, pinned])
     return Scene(
-        name=f"{sequence.name}_{sequence.kind}",
+        name=name or f"{sequence.name}_{sequence.kind}",
         mesh=sequence.mesh,
         initial=State(recorded[START], (recorded[START] - recorded[START - 1]) / file.dt),
         material=Material.from_settings(sequence.fabric, file.materials[sequence.fabric]),
-        mass=vertex_masses(sequence.mesh, mass),
+        mass=mass,
         gravity=sequence.gravity,
         dt=file.dt,
         frames=frames,
-        pins=Pins(sequence.pinned, recorded[START:, sequence.pinned]) if len(sequence.pinned) else None,
-        obstacle=Obstacle(sequence.body_faces, sequence.window(START, frames + 1).body_positions),
-        friction=sequence.friction or None,
+        pins=pins,
+        obstacle=None if body is None else Obstacle(sequence.body_faces, body),
+        friction=None if body is None else sequence.friction or None,
         reference=recorded[START:],
     )
 

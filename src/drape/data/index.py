@@ -1,4 +1,8 @@
-"""Index of a data set of garments: contents and offsets, read and checked once, so that frames can be mapped."""
+"""Index of a data set: contents and offsets, read and checked once, so that frames can be mapped.
+
+``Index.of_groups`` reads a file whose bodies, garments and sequences are groups; sheets and earlier_recordings make the
+same index of files that are laid out otherwise.
+"""
 
 from __future__ import annotations
 
@@ -11,32 +15,25 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
-from drape.data.garment_mesh_check import check_mesh, check_weights
-from drape.data.garment_schema import (
+from drape.data.mesh_check import check_masses, check_mesh, check_weights
+from drape.data.schema import (
+    AGAIN,
     ATTRIBUTES,
     FIELDS,
-    FORMAT,
     GROUP_ATTRIBUTES,
     JSON_ATTRIBUTES,
-    OPTIONAL,
-    SPLITS,
-)
-from drape.data.garment_version import READABLE, mend
-from drape.data.schema import (
     MATERIAL_ATTRIBUTES,
+    OPTIONAL,
+    RECORDED_MATERIAL,
+    RECORDINGS,
+    SPLITS,
+    TEXT_ATTRIBUTES,
     Field,
-    check_dataset,
-    check_gravity_and_rate,
-    check_material,
     plain,
 )
+from drape.data.schema_check import check_attributes, check_dataset, check_materials
 from drape.errors import DrapeError
 from drape.stored import attribute
-
-AGAIN = "make the file again"
-
-TEXTS = ("kind", "body", "garment", "fabric", "motion", "split")
-"""Attributes of groups."""
 
 
 class Layout(NamedTuple):
@@ -48,7 +45,7 @@ class Layout(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class GarmentIndex:
+class Index:
     """Everything in a file but the arrays, and where these lie."""
 
     attributes: dict[str, object] = field(default_factory=dict)
@@ -61,29 +58,27 @@ class GarmentIndex:
     """By name of the group, such as ``bodies/00000``: joints that its skinning weights need."""
 
     @classmethod
-    def of_file(cls, file: h5py.File, path: Path) -> GarmentIndex:
+    def of_groups(cls, file: h5py.File, path: Path) -> Index:
         """Read and check all attributes, the shape and place of every dataset, and the values of meshes and weights.
 
         Raises:
             DrapeError: path, name, what was found, what was expected, what to do.
         """
-        index = cls()
-        index.attributes.update(_attributes(file, path))
-        for fabric in index.attributes["fabrics"]:
-            index.materials[fabric] = _material(file, path, fabric)
+        attributes = check_attributes(file, path, ATTRIBUTES)
+        names = RECORDED_MATERIAL if attributes["format"] == RECORDINGS else MATERIAL_ATTRIBUTES
+        index = cls(attributes, check_materials(file, path, attributes["fabrics"], names))
         for kind in FIELDS:
             for name in file.get(kind, ()):
                 index.add(file, path, kind, name)
         if not index.groups["sequences"]:
             raise DrapeError(f"{path}: sequences: found none; expected at least one; {AGAIN}")
-        mend(index.attributes, index.groups["sequences"], path)
         return index
 
     def add(self, file: h5py.File, path: Path, kind: str, name: str) -> None:
         """Check one group of a file and take it in; bodies come before garments, and both before sequences.
 
         Raises:
-            DrapeError: as :meth:`of_file`.
+            DrapeError: as :meth:`of_groups`.
         """
         where = f"{kind}/{name}"
         group = file[where]
@@ -94,23 +89,23 @@ class GarmentIndex:
         for entry in FIELDS[kind]:
             if entry.name in datasets or entry.name not in OPTIONAL[kind]:
                 full = replace(entry, name=f"{where}/{entry.name}")
-                self.layouts[full.name] = _layout(datasets.get(entry.name), path, full, lengths)
+                self.layouts[full.name] = layout_of(datasets.get(entry.name), path, full, lengths)
         self.groups[kind][name] = attributes
         if kind == "sequences":
             self._check_sequence(path, where, attributes)
         else:
             arrays = {name: dataset[:] for name, dataset in datasets.items()}
             check_mesh(arrays, f"{path}: {where}")
+            if "mass" in arrays:
+                check_masses(arrays["mass"], f"{path}: {where}")
             if "bones" in arrays or "weights" in arrays:
                 self.num_bones[where] = check_weights(arrays, f"{path}: {where}")
 
     def _lengths(self, attributes: Mapping, kind: str) -> dict[str, int]:
         if kind != "sequences":
             return {}
-        lengths = {"body vertices": self.layouts[f"bodies/{attributes['body']}/rest_positions"].shape[0]}
-        if attributes["garment"]:
-            lengths["vertices"] = self.layouts[f"garments/{attributes['garment']}/rest_positions"].shape[0]
-        return lengths
+        named = (("body vertices", "bodies", attributes["body"]), ("vertices", "garments", attributes["garment"]))
+        return {dim: self.layouts[f"{of}/{name}/rest_positions"].shape[0] for dim, of, name in named if name}
 
     def _check_references(self, attributes: Mapping, where: str, kind: str) -> None:
         if kind == "bodies":
@@ -118,9 +113,12 @@ class GarmentIndex:
         known = {"body": self.groups["bodies"]}
         if kind == "sequences":
             known |= {"garment": self.groups["garments"], "fabric": self.materials, "split": SPLITS}
+            if not attributes["body"] and not attributes["garment"]:
+                raise DrapeError(f"{where}: found neither a body nor a garment; expected one at least; {AGAIN}")
         for key, names in known.items():
             alone = kind == "sequences" and key in ("garment", "fabric") and attributes["garment"] == ""
-            if attributes[key] not in names and not (alone and attributes[key] == ""):
+            may_be_empty = alone or key == "body"
+            if attributes[key] not in names and not (may_be_empty and attributes[key] == ""):
                 listed = ", ".join(list(names)[:5]) + (", ..." if len(names) > 5 else "")
                 raise DrapeError(
                     f"{where}: attribute {key}: found {attributes[key]!r}; expected one of {listed or 'none'}; {AGAIN}"
@@ -136,11 +134,16 @@ class GarmentIndex:
                     f"{path}: {where}: attribute {key}: found {value!r}; expected {meaning} {what}; {AGAIN}"
                 )
         has = {entry.name: f"{where}/{entry.name}" in self.layouts for entry in FIELDS["sequences"]}
-        if has["transforms"] == has["body_positions"]:
-            found = "both" if has["transforms"] else "neither"
-            raise DrapeError(f"{path}: {where}: found {found} of transforms and body_positions; expected one; {AGAIN}")
+        if has["transforms"] + has["body_positions"] != bool(attributes["body"]):
+            found = {0: "neither", 1: "one", 2: "both"}[has["transforms"] + has["body_positions"]]
+            expected = "one" if attributes["body"] else "neither without a body"
+            raise DrapeError(
+                f"{path}: {where}: found {found} of transforms and body_positions; expected {expected}; {AGAIN}"
+            )
         if has["positions"] and not attributes["garment"]:
             raise DrapeError(f"{path}: {where}: found positions of no garment; expected the attribute garment; {AGAIN}")
+        if not has["positions"] and not attributes["body"]:
+            raise DrapeError(f"{path}: {where}: found no positions of a sheet; expected its frames; {AGAIN}")
         if has["twin"] and not has["positions"]:
             raise DrapeError(f"{path}: {where}: found a twin alone; expected positions, whose twin it is; {AGAIN}")
         if has["transforms"]:
@@ -159,37 +162,12 @@ class GarmentIndex:
             )
 
 
-def _attributes(file: h5py.File, path: Path) -> dict[str, object]:
-    for name, expected in (("format", (FORMAT,)), ("schema_version", READABLE)):
-        found = plain(file.attrs.get(name, "nothing"))
-        if found not in expected:
-            raise DrapeError(
-                f"{path}: attribute {name}: found {found!r}; expected {' or '.join(map(repr, expected))}; this is no "
-                "data set of garments of this version, make one with: python src/generate.py data=garments"
-            )
-    for name, meaning in ATTRIBUTES.items():
-        if name not in file.attrs:
-            raise DrapeError(f"{path}: attribute {name}: missing; expected {meaning}; {AGAIN}")
-    values = {name: plain(value) for name, value in file.attrs.items()}
-    check_gravity_and_rate(file, path)
-    return values
-
-
-def _material(file: h5py.File, path: Path, fabric: str) -> dict:
-    group = file.get(f"materials/{fabric}")
-    missing = [name for name in MATERIAL_ATTRIBUTES if group is None or name not in group.attrs]
-    if missing:
-        raise DrapeError(f"{path}: materials/{fabric}: missing {', '.join(missing)}; {AGAIN}")
-    check_material(group.attrs, path, fabric, MATERIAL_ATTRIBUTES)
-    return {name: plain(value) for name, value in group.attrs.items()}
-
-
 def _group_attributes(group: h5py.Group, path: Path, kind: str) -> dict:
     values = {name: plain(value) for name, value in group.attrs.items()}
     for name, meaning in GROUP_ATTRIBUTES[kind].items():
         if name not in values:
             raise DrapeError(f"{path}: {group.name[1:]}: attribute {name}: missing; expected {meaning}; {AGAIN}")
-        if name in TEXTS:
+        if name in TEXT_ATTRIBUTES:
             attribute(path, f"{name} of {group.name[1:]}", values[name], "a text")
         if name in JSON_ATTRIBUTES:
             try:
@@ -201,11 +179,14 @@ def _group_attributes(group: h5py.Group, path: Path, kind: str) -> dict:
     return values
 
 
-def _layout(dataset: object, path: Path, entry: Field, lengths: dict[str, int]) -> Layout:
-    if isinstance(dataset, h5py.Dataset) and dataset.shape == (0,) and entry.dims == ("pinned",):
-        return Layout(0, dataset.shape, dataset.dtype.str)
+def layout_of(dataset: object, path: Path, entry: Field, lengths: dict[str, int]) -> Layout:
+    """Where a dataset lies that is what ``entry`` says; ``lengths`` as in :func:`check_dataset`.
+
+    Raises:
+        DrapeError: it is something else, or does not lie in the file as it is.
+    """
     check_dataset(dataset, path, entry, lengths)
-    offset = dataset.id.get_offset()
+    offset = 0 if 0 in dataset.shape else dataset.id.get_offset()  # an empty one has no place
     if offset is None:
         raise DrapeError(
             f"{path}: {entry.name}: found chunks or compression; expected numbers that lie in the file as they are, "

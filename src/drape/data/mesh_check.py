@@ -1,4 +1,4 @@
-"""Check the numbers of a body or a garment in a data set: finite, indices in range, skinning weights that sum to 1."""
+"""Check the numbers of a body or a garment: finite, indices in range, masses above 0, weights that sum to 1."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from drape.data.schema import AGAIN
 from drape.errors import DrapeError
 
-AGAIN = "make the file again"
 SUM_ERROR = 1e-3
 """Skinning weights of a vertex sum to 1 within this."""
 
@@ -26,6 +26,16 @@ def check_mesh(arrays: Mapping[str, np.ndarray], where: str) -> None:
         if values.size and not (values.min() >= 0 and values.max() < vertices):
             bad = values[(values < 0) | (values >= vertices)][0]
             raise DrapeError(f"{where}/{name}: found vertex {bad}; expected 0..{vertices - 1}; {AGAIN}")
+
+
+def check_masses(mass: np.ndarray, where: str) -> None:
+    """Masses are positive numbers.
+
+    Raises:
+        DrapeError: opens with ``where``.
+    """
+    if not (np.isfinite(mass).all() and (mass > 0).all()):
+        raise DrapeError(f"{where}/mass: found {mass.min()}; expected positive numbers [kg]; {AGAIN}")
 
 
 def check_weights(arrays: Mapping[str, np.ndarray], where: str) -> int:
