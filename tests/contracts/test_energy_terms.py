@@ -35,6 +35,21 @@ def test_gradient(name, small_cloth):
 
 
 @every_term
+def test_only_the_price_of_a_motion_asks_where_it_began(name, small_cloth):
+    """Of two ends of a step, stored energies differ by the same wherever the step began."""
+    term = TERMS[name].make()
+    step, x_next = make_step(small_cloth)
+    x = step.x + 1e-3 * torch.sin(40.0 * step.x.roll(1, -1))
+    elsewhere = replace(step, x=x)
+    if term.stores:  # the faces that a step searches at its start are those of the body; slip begins on them
+        elsewhere = elsewhere.with_near(step.near, step.surface)
+    other = x_next + 1e-3 * torch.cos(30.0 * x_next.roll(1, -1))
+    here, there = (float((term(other, one) - term(x_next, one)).detach().sum()) for one in (step, elsewhere))
+    assert here != 0.0
+    assert (abs(here - there) < 1e-9 * abs(here)) is term.stores
+
+
+@every_term
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_fast_gradient_is_that_of_autograd(name, dtype, cloth, small_cloth):
     """``energy_and_gradient`` returns the energy of ``forward`` and its gradient, without a graph."""

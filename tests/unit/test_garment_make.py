@@ -19,10 +19,10 @@ from drape.garment.clearance import outward, push_out
 from drape.garment.edges import edges_of
 from drape.garment.garment import Garment, make_garment
 from drape.garment.kinds import LOOPS
-from drape.garment.polish import vertex_normals
 from drape.garment.quality import check_quality, measure_quality
 from drape.garment.style import KINDS, GarmentStyle, random_style
 from drape.geometry.mesh import ClothMesh
+from drape.geometry.normals import vertex_normals
 
 EDGE = 0.04
 

@@ -13,10 +13,11 @@ from drape.garment.clip import clip, largest_component
 from drape.garment.cloth_field import Grid, body_distance, zero_level
 from drape.garment.edges import boundary_edges, edges_of
 from drape.garment.loft import measure
-from drape.garment.polish import flip_edges, polish, vertex_normals
+from drape.garment.polish import flip_edges, polish
 from drape.garment.quality import triangle_quality
 from drape.garment.remeshing import remesh
 from drape.garment.style import KINDS, LIMITS, RANGES, GarmentStyle, random_style
+from drape.geometry.normals import vertex_normals
 
 
 @pytest.fixture(scope="module")

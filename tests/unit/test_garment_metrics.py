@@ -16,8 +16,9 @@ from drape.errors import DrapeError
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh import ClothMesh
 from drape.geometry.mesh_batch import MeshBatch
+from drape.geometry.normals import vertex_normals
 from drape.geometry.surface_points import SurfacePoints
-from drape.metrics.collision import behind_nearest_vertex, vertex_normals
+from drape.metrics.collision import behind_nearest_vertex
 from drape.metrics.drift import energy_drift, momentum_drift
 from drape.metrics.garment_metric import GarmentMetric
 from drape.metrics.garment_scores import SCORES, AnimatedGarment, frame_scores, sequence_scores

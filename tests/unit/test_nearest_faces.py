@@ -10,7 +10,7 @@ import torch
 import trimesh
 
 from drape.geometry import mesh_distances, nearest_faces
-from drape.geometry.closest_faces import closest_faces
+from drape.geometry.mesh_distances import closest_faces
 from drape.geometry.nearest_faces import NearestFaces
 from drape.geometry.triangles import closest_on_triangles
 from drape.scene.obstacle import Obstacle

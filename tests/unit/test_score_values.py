@@ -13,7 +13,8 @@ from torch import nn
 from drape.contact.penetration import Penetration
 from drape.data.hdf5 import GarmentFile
 from drape.data.recorded_scene import recorded_scene
-from drape.metrics.collision import behind_nearest_vertex, vertex_normals
+from drape.geometry.normals import vertex_normals
+from drape.metrics.collision import behind_nearest_vertex
 from drape.metrics.drift import energy_drift, momentum_drift
 from drape.metrics.garment_metric import GarmentMetric
 from drape.metrics.garment_scores import AnimatedGarment, frame_scores

@@ -27,7 +27,7 @@ from drape.simulators.neural.neural import NeuralSimulator
 from drape.simulators.neural.phys_cloths import PhysCloths
 from drape.simulators.neural.rollout_step import rollout_step
 from drape.simulators.solver.balance import mean_weight
-from drape.simulators.solver.energy_limit import stored, without_gain
+from drape.simulators.solver.energy_limit import without_gain
 from tests import garments
 
 CLOTHS = RecordedCloths(dict.fromkeys(ATTRIBUTES, 1.0))
@@ -234,11 +234,6 @@ def test_the_weight_is_the_mean_of_free_vertices(skirt):
     mass[garments.TOP] = 100.0
     assert mean_weight(replace(skirt, mass=mass)) == pytest.approx(0.02 * 9.81)
     assert mean_weight(replace(skirt, mass=mass, gravity=np.zeros(3))) == pytest.approx(0.02 * 9.81)
-
-
-def test_prices_of_motions_are_not_stored():
-    terms = {"inertia": 1.0, "friction": 2.0, "dissipation": 4.0, "gravity": 8.0, "elastic": 16.0}
-    assert stored(terms) == 24.0
 
 
 def test_what_is_gained_is_taken_from_the_motion_about_the_centre():

@@ -24,7 +24,6 @@ from drape.data.recorded_scene import recorded_scene
 from drape.energy.fabric import Fabric
 from drape.energy.scene_step import SceneSteps
 from drape.energy.term import EnergyTerm
-from drape.energy.terms.dissipation import Dissipation
 from drape.errors import DrapeError
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
@@ -140,8 +139,8 @@ def _rollout(trained: Trained, scene: Scene, stand: int, law: Fabric) -> Row:
     inside = [penetration.inside(x[k], k) for k in range(EVERY, len(x), EVERY)]
     terms = trained.cloths.terms(scene.material)
     terms, attributes = (terms, trained.cloths.of(scene.material).attributes) if terms else (law.terms, law.attributes)
-    kept = [term for term in terms if term.name != Dissipation.name]
-    energy = total_energy(x[stand:], simulator.scene, kept, attributes)
+    stored = [term for term in terms if term.stores]
+    energy = total_energy(x[stand:], simulator.scene, stored, attributes)
     return {
         "finite": finite / scene.frames,
         "inside": float(np.mean(inside)),

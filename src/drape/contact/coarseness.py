@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from drape.geometry.mesh import ClothMesh
+from drape.geometry.normals import face_normals
 from drape.scene.obstacle import Obstacle
 
 SHARE = 0.05
@@ -102,7 +103,7 @@ class Turns(NamedTuple):
     @classmethod
     def of(cls, x: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]) -> Turns:
         """Of a mesh; faces without area have no edges, nor have more than two faces one where they meet."""
-        normal = np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
+        normal = face_normals(x, faces)
         size = np.linalg.norm(normal, axis=1)
         has_area = np.flatnonzero(size > 1e-9 * size.max())
         unit = normal[has_area] / size[has_area, None]

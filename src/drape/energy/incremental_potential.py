@@ -30,8 +30,28 @@ class Evaluation(NamedTuple):
     """Minus the force on each vertex [N]."""
     terms: dict[str, float]
     """Energy of each term [J], by its name."""
+    stored: float
+    """Sum over the terms that store energy [J]: what the cloths have by where they are."""
     rounding: float
     """Differences of the energy that mean nothing [J]."""
+
+
+def terms_of(
+    fabric: Sequence[EnergyTerm], contact: Contact | None, friction: float | None, *, gravity: bool, external: bool
+) -> list[EnergyTerm]:
+    """What the potential of a cloth sums, in the order of all tables; no term that costs and adds nothing.
+
+    Args:
+        fabric: the energies of its material.
+        contact: with a body; None where there is none.
+        friction: coefficient μ on the body; 0 or None leaves the term out.
+        gravity: whether there is any.
+        external: whether a constant force acts on the vertices.
+    """
+    terms = [Inertia(), *([Gravity()] if gravity else []), *([ExternalForce()] if external else []), *fabric]
+    if contact is not None:
+        terms += [contact, *([Friction(friction, contact)] if friction else [])]
+    return terms
 
 
 class IncrementalPotential(nn.Module):
@@ -52,32 +72,13 @@ class IncrementalPotential(nn.Module):
         cls, scene: Scene, fabric: Sequence[EnergyTerm], contact: Contact | None = None
     ) -> IncrementalPotential:
         """The terms that ``scene`` requires, with those of its ``fabric`` and this ``contact`` or its defaults."""
-        terms: list[EnergyTerm] = [Inertia()]
-        reasons = {"inertia": "the cloth has mass"}
-        if np.any(scene.gravity):
-            terms.append(Gravity())
-            reasons["gravity"] = f"gravity is {np.linalg.norm(scene.gravity):.4g} m/s²"
-        if scene.external_force is not None:
-            terms.append(ExternalForce())
-            total = np.linalg.norm(scene.external_force.sum(0))
-            reasons["external"] = f"a constant force of {total:.4g} N in all"
-        for term in fabric:
-            terms.append(term)
-            reasons[term.name] = f"the fabric is {scene.material.name}"
         contact = contact or SurfaceContact()
-        if scene.obstacle is not None:
-            touching = contact.enlarged(scene.enlarged)
-            terms.append(touching)
-            sharp = touching.sharp_points(scene)
-            asked = "" if sharp is None else f", {len(sharp)} sharp points of it, for which the cloth is too coarse"
-            reasons["contact"] = f"a body of {len(scene.obstacle.faces)} faces{asked}"
-            if scene.friction:
-                terms.append(Friction(scene.friction, touching))
-                reasons["friction"] = f"the coefficient of friction is {scene.friction:.4g}"
-        for term, reason in contact.beside(scene):
-            terms.append(term)
-            reasons[term.name] = reason
-        return cls(terms, reasons)
+        touching = None if scene.obstacle is None else contact.enlarged(scene.enlarged)
+        pulled, pushed = bool(np.any(scene.gravity)), scene.external_force is not None
+        terms = terms_of(fabric, touching, scene.friction, gravity=pulled, external=pushed)
+        beside = contact.beside(scene)
+        reasons = {term.name: _reason(term, scene) for term in terms} | {term.name: reason for term, reason in beside}
+        return cls([*terms, *(term for term, _ in beside)], reasons)
 
     def with_laws_in(self, dtype: torch.dtype) -> IncrementalPotential:
         """Itself, with the laws of its fabric evaluated in this precision."""
@@ -120,7 +121,8 @@ class IncrementalPotential(nn.Module):
             rounding += relative * abs(energies[term.name])
         known = torch.from_numpy(summed).to(x_next)
         gradient = known if total is None else known + total
-        return Evaluation(float(sum(energies.values())), gradient, energies, rounding)
+        stored = float(sum(energies[term.name] for term in self.terms if term.stores))
+        return Evaluation(float(sum(energies.values())), gradient, energies, stored, rounding)
 
     def hessian(self, x_next: Float[Tensor, "vertices 3"], step: Step, *, rough: bool = False) -> sparse.csr_array:
         """A positive definite approximation of the Hessian, ``3 vertices`` square; ``rough``: sparser if possible.
@@ -134,3 +136,21 @@ class IncrementalPotential(nn.Module):
                 pieces += term.stencils(x_next, step)
             others += [part for part in (better, loose) if part is not None]
         return sum(others, start=self._stencils[rough].upper(pieces, len(x_next)))
+
+
+def _reason(term: EnergyTerm, scene: Scene) -> str:
+    """Why ``scene`` requires a term."""
+    match term:
+        case Inertia():
+            return "the cloth has mass"
+        case Gravity():
+            return f"gravity is {np.linalg.norm(scene.gravity):.4g} m/s²"
+        case ExternalForce():
+            return f"a constant force of {np.linalg.norm(scene.external_force.sum(0)):.4g} N in all"
+        case Contact():
+            sharp = term.sharp_points(scene)
+            asked = "" if sharp is None else f", {len(sharp)} sharp points of it, for which the cloth is too coarse"
+            return f"a body of {len(scene.obstacle.faces)} faces{asked}"
+        case Friction():
+            return f"the coefficient of friction is {scene.friction:.4g}"
+    return f"the fabric is {scene.material.name}"

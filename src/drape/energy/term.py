@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -41,6 +41,8 @@ class EnergyTerm(nn.Module, ABC):
 
     name: str
     """Short name, the same in logs, tables and messages."""
+    stores: ClassVar[bool] = True
+    """Whether it is an energy of the place that a step ends at; if not, it is the price of a motion."""
 
     def __init__(self, law: nn.Module | None = None):
         """``law``: of the edges of a fabric, of a term that has one."""

@@ -8,6 +8,7 @@ from scipy.sparse import coo_matrix, csr_matrix, diags
 
 from drape.garment.edges import edges_of, keys, sides_of
 from drape.garment.quality import triangle_quality
+from drape.geometry.normals import face_normals, unit, vertex_normals
 
 ROUNDS = 8
 RELAXATION = 0.5
@@ -39,16 +40,6 @@ def relax(
     normals = vertex_normals(vertices, faces)
     shift -= (shift * normals).sum(1, keepdims=True) * normals
     return vertices + RELAXATION * np.where(inner[:, None], shift, 0.0)
-
-
-def vertex_normals(
-    vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
-) -> Float[np.ndarray, "vertices 3"]:
-    """Unit normals: the area-weighted mean of the adjacent faces'."""
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    of_faces = np.cross(b - a, c - a)
-    total = np.stack([np.bincount(faces.ravel(), np.repeat(column, 3), len(vertices)) for column in of_faces.T], 1)
-    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
 
 
 def _mean_of_neighbours(edges: np.ndarray, count: int) -> csr_matrix:
@@ -93,19 +84,13 @@ def _quads(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _may_flip(vertices, faces, quads, first, second, new) -> np.ndarray:
     """The new edge does not exist yet, and old and new faces all point in about the same direction."""
     free = ~np.isin(_numbers(quads[:, 2:], len(vertices)), _numbers(edges_of(faces)[0], len(vertices)))
-    normals = [_normals(vertices, one) for one in (faces[first], faces[second], *new)]
+    normals = [unit(face_normals(vertices, one)) for one in (faces[first], faces[second], *new)]
     aligned = [(normals[0] * other).sum(1) > FLATTEST for other in normals[1:]]
     return free & np.all(aligned, axis=0)
 
 
 def _numbers(pairs: np.ndarray, count: int) -> np.ndarray:
     return pairs.min(1) * count + pairs.max(1)
-
-
-def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    normal = np.cross(b - a, c - a)
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
 
 
 def _distinct(first: np.ndarray, second: np.ndarray) -> np.ndarray:

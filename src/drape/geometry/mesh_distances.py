@@ -1,4 +1,4 @@
-"""All distances between points of the same cloth, for devices, where a k-d tree would be far away."""
+"""All distances between points of the same cloth, and the faces that may be nearest: for devices, without a tree."""
 
 from __future__ import annotations
 
@@ -47,3 +47,43 @@ def mesh_distances(
     for row, is_there in zip(of_points.row.split(some, 1), of_points.is_there.split(some, 1), strict=True):
         distance = torch.cdist(points[row], there, compute_mode="use_mm_for_euclid_dist")
         yield row, is_there, of_targets.row, distance.masked_fill_(~of_targets.is_there[:, None], torch.inf)
+
+
+SLACK = 1e-5
+"""Share by which rounding may misjudge the distance to a centre."""
+
+
+class Pairs(NamedTuple):
+    """Pairs of a point and a face that may be its nearest."""
+
+    point: Int[Tensor, " pairs"]
+    face: Int[Tensor, " pairs"]
+
+
+def closest_faces(
+    points: Float[Tensor, "points 3"],
+    mesh_of_point: Int[Tensor, " points"],
+    corners: Float[Tensor, "faces 3 3"],
+    mesh_of_face: Int[Tensor, " faces"],
+) -> Pairs:
+    """For each point all faces of its own body that may be the nearest. Points whose mesh has no face have no pair.
+
+    The centre of a face is on it, so that the nearest face is no farther away than the nearest centre.
+    """
+    if not len(points) or not len(corners):
+        none = torch.empty(0, dtype=torch.long, device=points.device)
+        return Pairs(none, none)
+    centre = corners.mean(1)
+    radius = (corners - centre[:, None]).norm(dim=-1).amax(-1)
+    pairs = []
+    for point, is_there, face, distance in mesh_distances(points, mesh_of_point, centre, mesh_of_face):
+        near = distance <= (distance.amin(-1, keepdim=True) + radius[face][:, None]) * (1.0 + SLACK)
+        of_mesh, row, column = (near & is_there[..., None] & distance.isfinite()).nonzero(as_tuple=True)
+        pairs.append((point[of_mesh, row], face[of_mesh, column]))
+    return Pairs(*(torch.cat(part) for part in zip(*pairs, strict=True)))
+
+
+def gathered(values: Float[Tensor, "all ..."], index: Int[Tensor, " chosen"]) -> Float[Tensor, "... chosen"]:
+    """``values[index]`` with the chosen in the last place, contiguous."""
+    flat = values.flatten(1).T.contiguous()
+    return flat.index_select(1, index).view(*values.shape[1:], len(index))

@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from drape.geometry.closest_faces import Pairs, closest_faces, gathered
 from drape.geometry.corners import cross, dot
 from drape.geometry.face_tree import closest_of_tree, frames, sided
+from drape.geometry.mesh_distances import Pairs, closest_faces, gathered
 from drape.geometry.triangles import closest_on_triangles
 
 TIE = 1e-7

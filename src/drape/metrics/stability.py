@@ -13,7 +13,6 @@ from jaxtyping import Float
 from drape.data.animation_hdf5 import AnimationFile
 from drape.energy.fabric import Fabric
 from drape.energy.scene_step import SceneSteps
-from drape.energy.terms.dissipation import Dissipation
 from drape.errors import DrapeError
 from drape.scene.scene import Scene
 from drape.scene.state import State
@@ -74,7 +73,7 @@ def stability(file: AnimationFile, scene: Scene, fabric: Fabric) -> Stability:
 
 def energies(scene: Scene, fabric: Fabric, states: Iterable[State]) -> Iterable[tuple[float, float, float]]:
     """Kinetic energy, energy stored in the cloth, and that in gravity and constant forces, of each state [J]."""
-    terms = [term.double() for term in fabric.terms if not isinstance(term, Dissipation)]
+    terms = [term.double() for term in fabric.terms if term.stores]
     steps, force = SceneSteps(scene, fabric.attributes), scene.mass[:, None] * scene.gravity
     if scene.external_force is not None:
         force = force + scene.external_force

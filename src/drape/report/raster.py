@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from drape.compiled import compiled
+from drape.geometry.normals import vertex_normals
 from drape.scene.camera import Camera
 
 BACKGROUND = 0.97
@@ -48,7 +49,7 @@ def _samples(surfaces: list[Surface], camera: Camera, width: int, height: int) -
         projected = camera.project(surface.positions)
         across = (projected[:, 0] + 1.0) * width - 0.5
         down = (1.0 - projected[:, 1]) * height - 0.5
-        normals = _vertex_normals(surface) @ camera.axes
+        normals = vertex_normals(surface.positions, surface.faces) @ camera.axes
         screen = np.column_stack([across, down, 1.0 / projected[:, 2]])
         visible = (projected[:, 2] > 0.0) & np.isfinite(screen).all(axis=1)
         _fill(
@@ -61,15 +62,6 @@ def _samples(surfaces: list[Surface], camera: Camera, width: int, height: int) -
         )
     samples = height, 2, width, 2
     return picture.reshape(*samples, 3), (nearness > 0.0).reshape(samples)
-
-
-def _vertex_normals(surface: Surface) -> np.ndarray:
-    """Normals of the vertices, weighted by the areas of their faces; not of unit length."""
-    corners = surface.positions[surface.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = [np.bincount(surface.faces.ravel(), np.repeat(normals[:, k], 3), len(surface.positions)) for k in range(3)]
-    total = np.stack(total, axis=1)
-    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-30)
 
 
 def _fill(

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from drape.errors import DrapeError
+from drape.geometry.normals import face_normals, unit
 from drape.scene.obstacle import Obstacle
 
 
@@ -20,7 +21,7 @@ def follow(obstacle: Obstacle, points: Float[np.ndarray, "points 3"]) -> Float[n
         DrapeError: all faces of the body are degenerate.
     """
     first = obstacle.positions[0][obstacle.faces]
-    area = np.linalg.norm(np.cross(first[:, 1] - first[:, 0], first[:, 2] - first[:, 0]), axis=-1)
+    area = np.linalg.norm(face_normals(obstacle.positions[0], obstacle.faces), axis=-1)
     sound = np.flatnonzero(area > 1e-12 * np.square(first[:, 1] - first[:, 0]).sum(-1).max())
     if len(sound) == 0:
         raise DrapeError("body: found only faces without area; pinned vertices cannot follow it")
@@ -33,10 +34,6 @@ def follow(obstacle: Obstacle, points: Float[np.ndarray, "points 3"]) -> Float[n
 
 def _axes(corners: Float[np.ndarray, "frames points 3 3"]) -> Float[np.ndarray, "frames points 3 3"]:
     """Three orthonormal rows for each triangle."""
-    side = _unit(corners[:, :, 1] - corners[:, :, 0])
-    normal = _unit(np.cross(side, corners[:, :, 2] - corners[:, :, 0]))
+    side = unit(corners[:, :, 1] - corners[:, :, 0])
+    normal = unit(np.cross(side, corners[:, :, 2] - corners[:, :, 0]))
     return np.stack([side, normal, np.cross(side, normal)], axis=-2)
-
-
-def _unit(vectors: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from drape.errors import DrapeError
 from drape.geometry.mesh import ClothMesh
+from drape.geometry.normals import face_normals
 
 RULES = ("per_vertex", "areal_density")
 
@@ -50,6 +51,5 @@ def mass_rule(mass: Mapping[str, float | None]) -> tuple[str, float]:
 
 def vertex_areas(mesh: ClothMesh) -> Float[np.ndarray, " vertices"]:
     """A third of the rest areas of the faces at each vertex [m²]; they sum to the area of the cloth."""
-    corners = mesh.rest_positions[mesh.faces].astype(np.float64)
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = 0.5 * np.linalg.norm(face_normals(mesh.rest_positions.astype(np.float64), mesh.faces), axis=1)
     return np.bincount(mesh.faces.reshape(-1), np.repeat(area / 3.0, 3), minlength=mesh.num_vertices)

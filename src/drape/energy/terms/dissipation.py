@@ -24,6 +24,7 @@ class Dissipation(EnergyTerm):
     """
 
     name = "dissipation"
+    stores = False
 
     def __init__(self, law: EdgeLaw):
         super().__init__(law)

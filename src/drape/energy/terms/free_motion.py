@@ -19,6 +19,7 @@ class Inertia(EnergyTerm):
     """
 
     name = "inertia"
+    stores = False
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         deviation = (x_next - step.x) - step.dt * step.v

@@ -45,6 +45,7 @@ class Friction(EnergyTerm):
     """
 
     name = "friction"
+    stores = False
 
     def __init__(self, coefficient: float, contact: Contact, slip_speed: float = 1e-3):
         super().__init__()

@@ -168,6 +168,7 @@ class Damping(EnergyTerm):
     """
 
     name = "damping"
+    stores = False
 
     def __init__(self, law: HingeLaw, *, transfer: bool):
         super().__init__(law)

@@ -17,6 +17,7 @@ from drape.energy.step import Step
 from drape.energy.term import EnergyTerm
 from drape.energy.terms.contact import SurfaceContact
 from drape.errors import DrapeError
+from drape.geometry.normals import face_normals
 from drape.scene.scene import Scene
 
 STANDARD_GRAVITY = 9.81
@@ -48,7 +49,7 @@ class Barrier(EnergyTerm):
         if not 0.0 <= self_friction < np.inf:
             raise DrapeError(f"contact.self_friction: found {self_friction}; expected a coefficient from 0 on")
         mesh, body = scene.mesh, scene.obstacle
-        area = 0.5 * np.linalg.norm(np.cross(*np.diff(mesh.rest_positions[mesh.faces], axis=1).swapaxes(0, 1)), axis=-1)
+        area = 0.5 * np.linalg.norm(face_normals(mesh.rest_positions, mesh.faces), axis=-1)
         gravity = float(np.linalg.norm(scene.gravity)) or STANDARD_GRAVITY
         pressure = LOAD * gravity * float(scene.mass.sum() / area.sum())
         edge = float(mesh.rest_lengths.mean())

@@ -10,11 +10,9 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import FunctionCtx
 
-from drape.energy.incremental_potential import IncrementalPotential
+from drape.energy.incremental_potential import IncrementalPotential, terms_of
 from drape.energy.step import Step
 from drape.energy.terms.contact import Contact
-from drape.energy.terms.free_motion import ExternalForce, Gravity, Inertia
-from drape.energy.terms.friction import Friction
 from drape.geometry.mesh_batch import MeshBatch
 from drape.simulators.advance import advance
 from drape.simulators.kinematic.prior import KinematicPrior, Nothing
@@ -58,9 +56,8 @@ class BatchSolver:
         key = tuple(map(id, step.fabric)), step.external_force is None, step.obstacle is None
         kept = self._kept.get(step.mesh)
         if kept is None or kept[0] != key:
-            terms = [Inertia(), Gravity(), *([] if step.external_force is None else [ExternalForce()]), *step.fabric]
-            if step.obstacle is not None:
-                terms += [self.contact, *([Friction(self.friction, self.contact)] if self.friction else [])]
+            contact, pushed = None if step.obstacle is None else self.contact, step.external_force is not None
+            terms = terms_of(step.fabric, contact, self.friction, gravity=True, external=pushed)
             kept = self._kept[step.mesh] = key, Minimiser(IncrementalPotential(terms), step.free)
         return kept[1]
 

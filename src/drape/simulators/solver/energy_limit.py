@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from jaxtyping import Bool, Float
 
 from drape.scene.state import State
 
-SPENT = frozenset({"inertia", "friction", "dissipation"})
-"""Terms that price a motion; all others are energies of the place that it ends at."""
 TINY = np.finfo(np.float64).tiny
-
-
-def stored(terms: Mapping[str, float]) -> float:
-    """The energy that a cloth has by where it is [J], from the energies of its terms."""
-    return sum(energy for name, energy in terms.items() if name not in SPENT)
 
 
 def without_gain(

@@ -21,7 +21,7 @@ from drape.simulators.advance import advance
 from drape.simulators.kinematic.prior import KinematicPrior, Nothing
 from drape.simulators.simulator import Outcome, StepResult
 from drape.simulators.solver.balance import BALANCED, mean_weight
-from drape.simulators.solver.energy_limit import stored, without_gain
+from drape.simulators.solver.energy_limit import without_gain
 from drape.simulators.solver.minimise import SHORT_OF, Minimiser
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
@@ -178,8 +178,7 @@ class ImplicitSolver:
             return StepResult(State.at_rest(state.x), outcome, used, residual, found.terms)
         after = State(positions, (positions - state.x) / step.dt)
         if self._is_left_alone:
-            released = stored(before.terms) - stored(found.terms)
-            free = step.free.cpu().numpy()
+            free, released = step.free.cpu().numpy(), before.stored - found.stored
             after = without_gain(state, after, released, self.steps.scene.mass, free, 4 * before.rounding)
         return StepResult(after, outcome, used, residual, found.terms)
 
