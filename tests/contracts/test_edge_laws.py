@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -11,9 +12,12 @@ import torch
 from drape.energy.law.edge_law import NetworkLaw, StretchOnly
 from drape.energy.law.load_law import load_law
 from drape.energy.law.scaled_law import ScaledEdges
+from drape.energy.terms.dissipation import Dissipation
 from drape.errors import DrapeError
+from drape.geometry.grid import square_grid
 from drape.scene.material import Material
 from tests.energies import PAPER, make_energy, write_checkpoint
+from tests.terms import make_step
 
 SILK = Material("silk", 5.0, 0.5, 0.0, 0.0, 1.0, 0.15)
 ATTRIBUTE_VECTOR = torch.tensor([0.02, 0.01, 0.05, 0.0, 0.0], dtype=torch.float64)
@@ -96,6 +100,19 @@ def test_a_mirror_image_stores_the_same(laws, name):
     twisted = q * torch.tensor([1.0, -1.0, 1.0], dtype=torch.float64)
     energy = laws[name].potential(q, attributes(200))
     torch.testing.assert_close(laws[name].potential(twisted, attributes(200)), energy, rtol=1e-5, atol=1e-9)
+
+
+@pytest.mark.parametrize("dt", [1 / 60, 1 / 10])
+def test_a_sheet_in_the_air_loses_energy_as_long_as_it_moves(laws, dt):
+    """``dt/dt_law · 3 A φd(u)``: a sheet of A = 4 m² at 1.3 m/s, each of whose faces counts at its three edges."""
+    law, u = laws["settled"], torch.tensor([0.3, -0.4, 1.2], dtype=torch.float64)
+    step, _ = make_step(square_grid(2.0, 5))
+    step = replace(step, x=step.mesh.rest_positions, dt=dt)
+    density = float(law.drag(torch.tensor([1.3]).double(), step.attributes))
+    assert density > 1e-4
+    term, x_next = Dissipation(law), step.x + dt * u
+    for energy in (term(x_next, step), term.energy_and_gradient(x_next, step)[0]):
+        assert energy.item() == pytest.approx(dt * 30 * 3 * 4.0 * density, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", LAWS)

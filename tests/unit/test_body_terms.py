@@ -62,6 +62,18 @@ def test_weight_rests_on_the_floor():
     assert (deeper + weight)[:, 2].max() < -0.1
 
 
+@pytest.mark.parametrize("kind", [PaperContact, SurfaceContact])
+def test_in_a_scene_three_times_as_large_contact_begins_three_times_as_far_away(kind):
+    """The contact itself stays as it is; its stiffness is that of both."""
+    contact = kind(thickness=2e-3, reach=0.1)
+    large = contact.enlarged(3.0)
+    assert (large.thickness, large.reach, large.stiffness) == pytest.approx((6e-3, 0.3, contact.stiffness))
+    assert (contact.thickness, contact.reach) == (2e-3, 0.1)
+    step = touching(over_a_floor(5e-3), large)
+    assert large(step.x, step).item() > 0
+    assert contact(step.x, touching(step, contact)).item() == 0
+
+
 def touching(step: Step, contact: Contact) -> Step:
     """The same step with the points that this contact asks for."""
     return replace(step, touching=contact.surface(step.mesh))

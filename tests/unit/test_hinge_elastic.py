@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from drape.energy import fabric
 from drape.energy.law.deformation import Stretch, StretchBending
 from drape.energy.law.edge_law import NetworkLaw, StretchOnly
 from drape.energy.law.hinge_law import HingeLaw, WithoutHinges
+from drape.energy.step import Step
 from drape.energy.terms.bending import Bending
 from drape.energy.terms.hinge_elastic import Damping, HingeElastic
 from drape.geometry.grid import square_grid
@@ -185,3 +187,31 @@ def test_terms_of_a_law():
     papers = NetworkLaw(make_energy("mlp", "speed"), 0.02, 0.05)
     assert [term.name for term in fabric._terms(papers, True, None)] == ["elastic", "dissipation"]
     assert isinstance(fabric._terms(papers, True, Stretch())[0].law, StretchOnly)
+
+
+@pytest.mark.parametrize("transfer", [False, True])
+def test_the_drag_of_a_sheet_that_is_carried_along(transfer):
+    """``N d/(2 dt) |u|²`` for N vertices; d goes with the area of a face where it is transferred."""
+    law, u = Quadratic(), torch.tensor([0.3, -0.4, 1.2], dtype=torch.float64)
+    law.drag = 0.2
+    step, _ = make_step(square_grid(1.0, 5))
+    drag = 0.2 * (1.0 / 32 / law.face_area if transfer else 1.0)
+    assert_damps(Damping(law, transfer=transfer), step, step.x + u, 25 * 0.5 * drag / step.dt * 1.69)
+
+
+def test_the_damper_of_a_triangle_that_grows():
+    """``c/(2 dt) Σ (0.1 l)²`` over its edges of 3, 4 and 5 m, each of which grows along itself."""
+    law, corners = Quadratic(), np.array([[0.0, 0, 0], [3, 0, 0], [0, 4, 0]])
+    law.damper = 7.0
+    step, _ = make_step(ClothMesh.from_faces(corners, np.array([[0, 1, 2]])))
+    step = replace(step, x=step.mesh.rest_positions)
+    expected = 0.5 * 7.0 / step.dt * 0.01 * (9 + 16 + 25)
+    assert_damps(Damping(law, transfer=False), step, 1.1 * step.x, expected)
+
+
+def assert_damps(term: Damping, step: Step, x_next: Tensor, energy: float) -> None:
+    """All ways to ask for the energy; the forces take twice of it, as of everything that grows with a square."""
+    power, gradient = term.energy_and_gradient(x_next, step)
+    compiled = term.kernel(step)(x_next.numpy())[0]
+    assert [float(term(x_next, step)), float(power), float(compiled)] == pytest.approx([energy] * 3, rel=1e-9)
+    assert float((gradient * (x_next - step.x)).sum()) == pytest.approx(2.0 * energy, rel=1e-9)

@@ -145,6 +145,30 @@ def test_a_frame_is_cut_into_equal_steps_of_implicit_euler(steps):
     assert {r.steps for r in results} == {steps}
 
 
+def test_what_a_stretched_sheet_releases_becomes_motion():
+    """It begins to contract, and is as fast as it has moved; its kinetic energy is a part of what it had stored."""
+    stretched = scene_of(gravity=np.zeros(3))
+    stretched = replace(stretched, initial=State.at_rest(1.1 * stretched.initial.x))
+    (result,) = run(stretched, 1, tolerance=1e-9)
+    moved = result.state.x - stretched.initial.x
+    assert np.abs(moved).max() > 1e-3
+    np.testing.assert_allclose(result.state.v, moved / stretched.dt, atol=1e-12)
+
+
+def test_between_frames_pins_and_body_are_on_a_straight_way():
+    """A quarter of the way from frame 2 to frame 3; at whole frames they are exactly where they are given."""
+    scene, ramp = scene_of(frames=4), np.arange(5.0)[:, None, None] ** 2
+    path, floor = scene.initial.x[[0, 7]] + ramp * [0.0, 0.1, 0.0], ground(2.0, -1.0)
+    body = Obstacle(floor.faces, floor.positions + ramp * [0.0, 0.0, 0.01])
+    steps = solver_of(replace(scene, pins=Pins(np.array([0, 7]), path), obstacle=body)).steps
+    np.testing.assert_allclose(steps.pin_targets(2.25), 0.75 * path[2] + 0.25 * path[3])
+    np.testing.assert_allclose(steps.body(2.25)[:, 2], -1.0 + 0.01 * (0.75 * 4 + 0.25 * 9))
+    np.testing.assert_array_equal(steps.pin_targets(3.0), path[3])
+    step = steps.step(scene.initial, 2.25, 3.0)
+    ends = [part[0, 2].item() + steps.origin(scene.initial)[2] for part in (step.obstacle.x, step.obstacle.x_next)]
+    assert ends == pytest.approx([-0.9475, -0.91])
+
+
 def ground(size: float, height: float) -> Obstacle:
     corners = np.array([[-size, -size, height], [size, -size, height], [size, size, height], [-size, size, height]])
     return Obstacle(np.array([[0, 1, 2], [0, 2, 3]]), corners[None])

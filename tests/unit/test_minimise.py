@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import torch
 
+from drape.energy.incremental_potential import Evaluation
 from drape.geometry.grid import square_grid
-from drape.simulators.solver.minimise import Minimiser, _Place, _shorter
+from drape.simulators.solver.minimise import SUFFICIENT, Minimiser, _Place, _shorter
 from tests.terms import make_step
 
 
@@ -54,3 +55,21 @@ def test_directions_fulfil_the_secant_equation():
     one, other = rng.normal(size=(2, 6))
     symmetric = one @ minimiser._direction(other, deque(pairs)), other @ minimiser._direction(one, deque(pairs))
     assert symmetric[0] == pytest.approx(symmetric[1])
+
+
+def test_a_step_that_gains_less_than_its_share_is_shortened():
+    """``E = -s + c s²``: the whole way brings half of what it must bring, half of the way enough."""
+    curvature = 1.0 - 0.5 * SUFFICIENT
+
+    def evaluate(x: torch.Tensor, step: object) -> Evaluation:
+        s = x[0, 0]
+        gradient = torch.tensor([[-1.0 + 2.0 * curvature * s, 0.0, 0.0]], dtype=torch.float64)
+        return Evaluation(float(-s + curvature * s**2), gradient, {}, 0.0)
+
+    potential = SimpleNamespace(evaluate=evaluate, barrier=None)
+    minimiser = bare(potential=potential, free=torch.ones(1, dtype=torch.bool), _slots=np.arange(3))
+    step, _ = make_step(square_grid(1.0, 3))
+    here = minimiser._at(torch.zeros(1, 3, dtype=torch.float64), step)
+    there, tried = minimiser._search(here, np.array([1.0, 0.0, 0.0]), step, 10)
+    assert tried == 2
+    assert there.x[0].tolist() == [0.5, 0.0, 0.0]

@@ -20,7 +20,8 @@ from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators.rollout import COLUMNS, frames, roll_out
+from drape.simulators.rollout import COLUMNS, first_frame, frames, roll_out
+from drape.simulators.simulator import Outcome, StepResult
 from drape.simulators.solver import minimise
 from drape.simulators.solver.implicit import ImplicitSolver
 from tests.unit.test_implicit import NO_ATTRIBUTES, ground, run, scene_of, solver_of
@@ -72,6 +73,36 @@ def test_a_step_that_starts_where_the_one_before_ended_searches_once(monkeypatch
     assert taken == [2, 1, 1, 1, 1]
     solver.step(State(state.x + 1e-3, state.v), 5)
     assert len(searches) == 6 + 2
+
+
+class Still:
+    """Cloth that stays where it is."""
+
+    def step(self, state: State, frame: int) -> StepResult:
+        return StepResult(state, Outcome.CONVERGED, 1, 0.0)
+
+
+def test_a_frame_says_what_of_the_cloth_is_in_the_body_of_its_own_time(tmp_path):
+    """A sheet through which a floor rises and sinks again: none of it below, all of it, none of it."""
+    heights = np.array([-0.1, 0.1, -0.1])[:, None, None] * [0.0, 0.0, 1.0]
+    floor = ground(2.0, 0.0)
+    scene = scene_of(frames=2, obstacle=Obstacle(floor.faces, floor.positions + heights))
+    with AnimationWriter(tmp_path / "still.h5", AnimationHeader.of_scene(scene, COLUMNS, "{}")) as writer:
+        roll_out(Still(), scene, writer)
+    with AnimationFile(tmp_path / "still.h5") as file:
+        np.testing.assert_allclose(file.numbers()["inside"], [np.nan, 1.0, 0.0], atol=1e-12)
+
+
+def test_only_vertices_that_are_moved_out_of_the_body_are_stopped():
+    """A sheet whose one half is below a slope through its middle."""
+    scene, floor = scene_of(), ground(2.0, 0.0)
+    moving, middle = State(scene.initial.x, np.tile([0.1, 0.2, 0.3], (64, 1))), scene.initial.x.mean(0)
+    rising = floor.positions + 0.1 * floor.positions[..., :1] * [0.0, 0.0, 1.0]
+    slope = Obstacle(floor.faces, rising + middle)
+    start = first_frame(replace(scene, initial=moving, obstacle=slope))
+    inside = scene.initial.x[:, 0] > middle[0]
+    np.testing.assert_array_equal(start.v, np.where(inside[:, None], 0.0, moving.v))
+    np.testing.assert_array_equal((start.x != scene.initial.x).any(1), inside)
 
 
 TABLE = Path(drape.__file__).parent / "checkpoints" / "eunet_hinge_silk.npz"
