@@ -11,7 +11,7 @@ from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 
 
 class Gravity(EnergyTerm):
-    """``-Σ m g · (x' - x)`` [J]: the change of potential energy over the step.
+    """``-Σ m g · (x' - x)`` [J]: the change of gravitational energy over the step.
 
     Relative to the positions at t, so a cloth 10 km from the origin loses no digits; a constant of the step does not
     move the minimum.

@@ -1,4 +1,4 @@
-"""The price of deviating from free motion, which makes a minimum of the potential a step of implicit Euler."""
+"""The price of leaving free motion, by which a minimum of the incremental potential is a step of implicit Euler."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ class EvaluationRecord:
     method: Mapping[str, object]
     """``name`` (of the row of a table), and the settings ``simulator`` and, unless it is a baseline, ``energy``."""
     data: Mapping[str, object]
-    """What two evaluations must share to be compared: ``path``, ``source``, ``split``, ``sequences`` (their names),
+    """Data that two evaluations must share to be compared: ``path``, ``source``, ``split``, ``sequences`` (names),
     ``frames`` (simulated of each)."""
     metrics: Mapping[str, float]
     """``score_unit/kind`` and ``score_unit/overall``, with ``_std`` over sequences; ``sequences/kind``: how many;
@@ -30,7 +30,7 @@ class EvaluationRecord:
     provenance: Mapping[str, object]
     """``command``, ``seconds``, ``versions``, and whatever else helps."""
     folder: Path = field(default=Path(), compare=False)
-    """Where it was read from; not stored."""
+    """Folder that it was read from; not stored."""
 
     @property
     def kinds(self) -> list[str]:

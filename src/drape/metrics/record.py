@@ -29,16 +29,16 @@ class RunRecord:
     variant: Mapping[str, str]
     """Options of the groups of :data:`VARIANT`, which make it another model or another training."""
     setting: Mapping[str, str | int]
-    """What two runs must share to be compared: ``data``, ``material``, ``scale``, ``width``, ``steps`` (those done)."""
+    """Settings that comparable runs share: ``data``, ``material``, ``scale``, ``width``, ``steps`` (those done)."""
     metrics: Mapping[str, float]
     """On the test split: ``quantity_unit/fabric`` and ``quantity_unit/overall``."""
     provenance: Mapping[str, object]
     """``command`` ("python src/train.py" and Hydra's task overrides), ``data`` (path), ``train_sequences``,
     ``test_sequences``, ``seconds`` (of training), ``parameters``, ``versions`` (by package) and whatever else helps."""
     label: str = ""
-    """What reports call it; empty in records of before there were labels."""
+    """Name in reports; empty in records of before there were labels."""
     folder: Path = field(default=Path(), compare=False)
-    """Where it was read from; not stored."""
+    """Folder that it was read from; not stored."""
 
     def save(self, folder: Path | str) -> Path:
         """Write ``metrics.json``; the file is either whole or as it was."""

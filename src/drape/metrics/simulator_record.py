@@ -15,7 +15,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class SimulatorRecord:
-    """How a simulator came about, and how its last validation went."""
+    """Training of a simulator, and the scores of its last validation."""
 
     training: Mapping[str, object]
     """``row`` (option of the group ``model``), ``label``, ``ablation``, ``scale``, ``seed``, ``iterations``,

@@ -10,7 +10,7 @@ from drape.metrics.record import RunRecord, read_json
 
 
 def summary(path: Path) -> str:
-    """What the record of a training at ``path`` says; of a trial run, which leaves none, only that."""
+    """Lines on the record of a training at ``path``; of a trial run, which leaves none, only that."""
     if not path.is_file():
         return "a trial run: nothing was recorded"
     if path.name == simulator_record.FILE:
