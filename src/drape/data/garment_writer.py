@@ -25,7 +25,7 @@ class GarmentHeader:
     """Everything in a file that is not a body, a garment or a sequence."""
 
     source: str
-    """What made the frames: ``blender 5.0.1``, ``cloth3d``, ``vto``."""
+    """Program that made the frames: ``blender 5.0.1``, ``cloth3d``, ``vto``."""
     fps: float
     """Frames per second [1/s]."""
     gravity: tuple[float, float, float]
@@ -48,7 +48,7 @@ class StoredBody:
     """With ``weights``: where sequences store transforms."""
     weights: Float[np.ndarray, "vertices 4"] | None = None
     shape: Mapping[str, object] = field(default_factory=dict)
-    """What it was made from; plain values."""
+    """Settings that it was made from; plain values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class StoredGarment:
     bones: Int[np.ndarray, "vertices 4"] | None = None
     weights: Float[np.ndarray, "vertices 4"] | None = None
     style: Mapping[str, object] = field(default_factory=dict)
-    """What it was made from; plain values."""
+    """Settings that it was made from; plain values."""
 
 
 @dataclass(frozen=True, eq=False)

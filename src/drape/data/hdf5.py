@@ -95,7 +95,7 @@ class TrajectoryFile:
 
     @cached_property
     def attempts(self) -> Int[np.ndarray, " sequences"]:
-        """How many random starts a sequence took; 1 if the first was accepted."""
+        """Number of random starts of a sequence; 1 if the first was accepted."""
         return self._file()["attempts"][:]
 
     @cached_property
