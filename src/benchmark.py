@@ -1,4 +1,4 @@
-"""What things cost and how accurate they are, in one run each: ``python src/benchmark.py measure=held_out``."""
+"""Measurements of cost and accuracy, in one run each: ``python src/benchmark.py measure=held_out``."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ PUBLIC = {
     "load_energy": "drape.energy.law.checkpoint",
     "open_trajectories": "drape.data.trajectories",
 }
-"""Where each public name is; loaded when it is asked for, as not all need torch."""
+"""Module of each public name; loaded when it is asked for, as not all need torch."""
 __all__ = [*PUBLIC, "__version__"]
 
 

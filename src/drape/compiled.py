@@ -1,4 +1,4 @@
-"""What the compiled kernels are written with: settings of the compiler, blocks of edges, series.
+"""Parts of the compiled kernels: settings of the compiler, blocks of edges, series.
 
 Loops over the edges of a block without calls, jumps and scattered memory become vector instructions. All that such a
 loop needs lies in one buffer, quantity after quantity: what the compiler knows not to overlap, it need not check.

@@ -17,7 +17,7 @@ DAMAGED = (
     OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RuntimeError, MemoryError,
     EOFError, ArithmeticError, AssertionError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""What readers raise at bytes that are not what they say they are."""
+"""Errors that readers raise at bytes that are not what they say they are."""
 SMALLEST_SHARE = 1 / 2000
 """A file is at least this share of what it says it holds: no compression of HDF5 reaches more."""
 LARGEST_NUMBER = 1e15
@@ -25,7 +25,7 @@ LARGEST_NUMBER = 1e15
 
 
 def sound(values: np.ndarray) -> np.ndarray:
-    """Which numbers are finite and of a size that a quantity can have."""
+    """Mask of numbers that are finite and of a size that a quantity can have."""
     return np.abs(values) < LARGEST_NUMBER
 
 

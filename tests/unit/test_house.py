@@ -28,7 +28,11 @@ LONGEST_FUNCTION = 40
 LONGEST_ENTRY_POINT = 60
 """One screen."""
 
+QUESTIONS = ("What", "How", "Who", "Where", "Which", "Why")
+"""Words that no docstring begins with: nobody searches for them."""
+
 BANNED_WORDS = {
+    "the potential": "the incremental potential, of a step; the elastic energy, of a law",
     "template": "rest state",
     "canonical": "rest state",
     "backbone": "name the network",
@@ -128,6 +132,20 @@ def test_everything_public_has_a_docstring():
             if public and node.name != "main" and path.parent != ROOT / "src" and not ast.get_docstring(node):
                 silent.append(f"{where(path)}: {node.name}")
     assert silent == []
+
+
+def test_docstrings_begin_with_a_noun_or_an_imperative():
+    """Those of modules, classes and functions, and those below attributes."""
+    asked = [
+        f"{where(path)}:{text.lineno}: {text.value.value.strip().splitlines()[0]}"
+        for path in SOURCES
+        for node in ast.walk(parsed(path))
+        if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef)
+        for text in node.body
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+        if text.value.value.split(maxsplit=1)[0] in QUESTIONS
+    ]
+    assert asked == []
 
 
 @pytest.mark.parametrize("word", BANNED_WORDS)

@@ -64,7 +64,7 @@ def test_a_step_that_gains_less_than_its_share_is_shortened():
     def evaluate(x: torch.Tensor, step: object) -> Evaluation:
         s = x[0, 0]
         gradient = torch.tensor([[-1.0 + 2.0 * curvature * s, 0.0, 0.0]], dtype=torch.float64)
-        return Evaluation(float(-s + curvature * s**2), gradient, {}, 0.0)
+        return Evaluation(float(-s + curvature * s**2), gradient, {}, 0.0, 0.0)
 
     potential = SimpleNamespace(evaluate=evaluate, barrier=None)
     minimiser = bare(potential=potential, free=torch.ones(1, dtype=torch.bool), _slots=np.arange(3))

@@ -16,7 +16,7 @@ from drape.scene.pins import Pins
 ANGLE = 41.5
 """Of the plane that the tip touches, below the horizontal [degrees]."""
 CLOSE = 0.1
-"""How near to it a strip must come [degrees]."""
+"""Tolerance of the angle of a strip [degrees]."""
 FIRST = 0.04
 """Overhang that is tried first [m]."""
 WIDTH = 2.0

@@ -23,7 +23,7 @@ COUNTED = {
     "copies": ("cudaMemcpyAsync", "cudaMemsetAsync", "cudaMemcpy"),
     "synchronisations": ("cudaStreamSynchronize", "cudaDeviceSynchronize", "cudaEventSynchronize"),
 }
-"""What is counted -> names of calls to the driver."""
+"""Counter -> names of calls to the driver."""
 
 
 class DeviceStep:

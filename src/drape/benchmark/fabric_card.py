@@ -28,7 +28,7 @@ from drape.simulators.solver.balance import mean_weight
 LAW = "law"
 """Name of the energy of the config that cards are of."""
 NONE_FOUND = "none found"
-"""What a card says of a property of a fabric for which no published value was found that can be checked."""
+"""Entry of a card for a property of a fabric for which no published value was found that can be checked."""
 
 
 class FabricCard:

@@ -50,7 +50,7 @@ class Animated(NamedTuple):
     seconds: float
     """Per frame, mean."""
     evaluations: float
-    """Of the potential with its forces, per frame, mean."""
+    """Evaluations of the incremental potential with its forces, per frame, mean."""
     residual: float
     """Unbalanced force per free vertex as a share of the weight, mean."""
     converged: float

@@ -92,7 +92,7 @@ class LongRollouts:
 
 
 def there_and_back(frames: int, recorded: int, stand: int) -> Int[np.ndarray, " shown"]:
-    """Which of the ``recorded`` frames is shown in each of ``frames + 1``; from ``stand`` on always the same."""
+    """Number of the ``recorded`` frame that is shown in each of ``frames + 1``; from ``stand`` on always the same."""
     shown = np.minimum(np.arange(frames + 1), stand) % (2 * (recorded - 1))
     return np.minimum(shown, 2 * (recorded - 1) - shown)
 

@@ -29,9 +29,9 @@ class Settled(NamedTuple):
     """A cloth that has come to rest, or not."""
 
     sag: float
-    """How far the place of interest hangs below the pins [m]; see :func:`sag`."""
+    """Sag of the place of interest below the pins [m]; see :func:`sag`."""
     lowest: float
-    """How far the lowest vertex does [m]."""
+    """Sag of the lowest vertex [m]."""
     steps: int
     still: bool
 
@@ -144,7 +144,7 @@ def held_around_pins(scene: Scene, reach: float) -> Scene:
 
 
 def sag(scene: Scene, state: State, at: Sequence[float]) -> float:
-    """How far the vertex nearest to a place hangs below the highest pin [m].
+    """Sag of the vertex nearest to a place below the highest pin [m].
 
     ``at``: the place, as shares of the sheet's sides along x and y from their lowest values, at rest.
     """

@@ -30,7 +30,7 @@ STILL = 1e-5
 
 @dataclass(frozen=True)
 class Sample:
-    """What instruments test."""
+    """A specimen of cloth that instruments test."""
 
     material: Material
     areal_density: float
@@ -62,7 +62,7 @@ class Sample:
         )
 
     def at_rest(self, scene: Scene) -> State:
-        """How the cloth of a scene lies or hangs when it has come to rest.
+        """The cloth of a scene at rest, as it lies or hangs in the end.
 
         Raises:
             DrapeError: it does not within ``STEPS`` steps.

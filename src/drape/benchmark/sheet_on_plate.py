@@ -24,7 +24,7 @@ PLATE = square_grid(40.0, 2)
 
 
 class Slide(NamedTuple):
-    """How the middle of a sheet moves down a slope."""
+    """Motion of the middle of a sheet down a slope."""
 
     acceleration: float
     """[m/s²]"""

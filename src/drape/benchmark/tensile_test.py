@@ -29,7 +29,7 @@ RATE = 1e-3
 
 @dataclass(frozen=True)
 class Pulled:
-    """What the test says of a fabric."""
+    """Result of the test of a fabric."""
 
     stiffness: float
     """Load per strain at 1 % [N/m]."""
@@ -54,7 +54,7 @@ class TensileTest:
         middle = (column == cells) & (np.abs(self.rest[:, 1]) <= 0.25 * WIDTH)
         spacing = WIDTH / (np.count_nonzero(column == cells) - 1)
         self.weights = middle / (np.count_nonzero(middle) * spacing)
-        """What each vertex's force adds to the load of the second clamp [1/m]."""
+        """Weight of each vertex's force in the load of the second clamp [1/m]."""
 
     def run(self, loads: Sequence[float]) -> Pulled:
         """Everything, with the extensions at ``loads`` [N/m]."""
@@ -73,7 +73,7 @@ class TensileTest:
         return float(brentq(lambda strain: self.load(strain) - load, 0.0, LARGEST, rtol=1e-3))
 
     def viscosity(self) -> float:
-        """What the load grows by when the sheet is being stretched, per rate of strain [N s/m]."""
+        """Growth of the load with the rate of strain, when the sheet is being stretched [N s/m]."""
         scene = self._scene(RATE)
         after, before = scene.initial.x, self.rest
         more = self._load(after, before, scene, moving=True) - self._load(after, before, scene, moving=False)

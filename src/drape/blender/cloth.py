@@ -61,7 +61,7 @@ def simulated_frames(
 
 
 def read_positions(simulated: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
-    """Where the modifiers of an object have its vertices in the current frame [m]."""
+    """Positions of an object's vertices after its modifiers in the current frame [m]."""
     x = np.empty((len(simulated.data.vertices), 3), np.float32)
     evaluated = simulated.evaluated_get(bpy.context.evaluated_depsgraph_get())
     evaluated.data.vertices.foreach_get("co", x.reshape(-1))

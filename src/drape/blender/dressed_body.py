@@ -18,7 +18,7 @@ class DressedBody:
     pinned: Int[np.ndarray, " pinned"]
     """Vertices that are led; may be none."""
     pin_positions: Float[np.ndarray, "frames pinned 3"]
-    """Where they are led [m]."""
+    """Positions that they are led to [m]."""
     body_faces: Int[np.ndarray, "body_faces 3"]
     body_positions: Float[np.ndarray, "frames body_vertices 3"]
     """The body [m], one frame every 1 / fps seconds."""

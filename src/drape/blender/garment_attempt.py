@@ -47,7 +47,7 @@ class Attempt:
 
     @functools.cached_property
     def dressed(self) -> DressedBody:
-        """What Blender is given."""
+        """Input of Blender."""
         figure, garment = self.figure, self.garment
         return DressedBody(
             rest_positions=garment.rest_positions,

@@ -11,7 +11,7 @@ from drape.data.schema import SPLITS
 
 @dataclass(frozen=True)
 class Choice:
-    """What a sequence shows, before anything is drawn at random."""
+    """Content of a sequence, before anything is drawn at random."""
 
     split: str
     kind: str

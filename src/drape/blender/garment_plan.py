@@ -89,7 +89,7 @@ def _check_names(key: str, found: object, known: Sequence[str], or_ending: str |
 
 
 def make_garment_request(data: Mapping, material: Mapping) -> dict:
-    """What the user asks for, without names of files: two equal requests give equal data with the same Blender.
+    """Request of the user, without names of files: two equal requests give equal data with the same Blender.
 
     Raises:
         DrapeError: see :func:`check_garments`; or a fabric without a preset.

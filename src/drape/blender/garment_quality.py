@@ -71,7 +71,7 @@ def measure_quality(
 
 
 def reason_to_refuse(quality: Mapping[str, float], bounds: Mapping[str, float]) -> str:
-    """Why a sequence of this quality is not stored, or ''; ``bounds`` is ``data.reject``.
+    """Reason for which a sequence of this quality is not stored, or ''; ``bounds`` is ``data.reject``.
 
     That the rest shape is fit for simulation is checked where it is made (garment.quality).
     """

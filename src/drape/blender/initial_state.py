@@ -16,7 +16,7 @@ SAMPLES = 512
 
 @dataclass(frozen=True, eq=False)
 class InitialState:
-    """Where a sequence starts; Blender lets it move for ``preroll`` frames before the recording."""
+    """Start of a sequence; Blender lets it move for ``preroll`` frames before the recording."""
 
     positions: Float[np.ndarray, "vertices 3"]
     """Positions at rest (velocity 0) [m]."""

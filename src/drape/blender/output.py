@@ -29,7 +29,7 @@ FORMATS = ("obj", "npz", *BLENDER_FORMATS)
 
 @dataclass(frozen=True)
 class Output:
-    """What to make of an animation, checked before anything is simulated; see :func:`export` and :func:`render`.
+    """Output of an animation, checked before anything is simulated; see :func:`export` and :func:`render`.
 
     Raises:
         DrapeError: see :func:`check_formats` and, for ``cycles``, :func:`check_pictures`.

@@ -101,7 +101,7 @@ def check_number(key: str, value: object, bounds: Bounds) -> None:
 
 
 def make_request(data: Mapping, material: Mapping) -> dict:
-    """What the user asks for, without names of files: two equal requests give equal data with the same Blender.
+    """Request of the user, without names of files: two equal requests give equal data with the same Blender.
 
     Raises:
         DrapeError: see :func:`check_data`; or a fabric without a preset.

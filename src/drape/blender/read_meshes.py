@@ -24,7 +24,7 @@ from drape.reading.objects import chosen, said
 CLOCK = 6000
 """Frames per second inside Blender: it rounds times of a file to frames; 24, 25, 30, 50, 60, 120, 240 divide this."""
 RATES = (24, 25, 30, 48, 50, 60, 100, 120, 240)
-"""What a file that counts in seconds may have been recorded at [1/s]."""
+"""Frame rates at which a file that counts in seconds may have been recorded [1/s]."""
 OTHERWISE = 30
 GLTF = (".glb", ".gltf")
 PROBES = 12

@@ -69,7 +69,7 @@ def reason_to_reject(
     gravity: Float[np.ndarray, " 3"],
     bounds: Mapping[str, float],
 ) -> str:
-    """Why a sequence is not stored, or ''. One recorded frame is enough; ``bounds`` is ``data.reject``.
+    """Reason for which a sequence is not stored, or ''. One recorded frame is enough; ``bounds`` is ``data.reject``.
 
     * a position that is not finite;
     * ``strain``: an edge that is longer or shorter than at rest by more than this fraction;
@@ -91,7 +91,7 @@ def reason_to_reject(
 
 
 def part_path(parts: Path, index: int) -> Path:
-    """Where a finished sequence waits until all are there."""
+    """Path of a finished sequence, which waits until all are there."""
     return Path(parts) / f"{index:06d}.npz"
 
 

@@ -106,7 +106,7 @@ def contents_nodes(contents: str) -> set[str]:
 
 
 def _origin(config: DictConfig, problem: str) -> str:
-    """Where the value at fault was written, if it is an interpolation."""
+    """Place of the value at fault, if it was an interpolation."""
     parent, _, key = problem.partition(": found")[0].rpartition(".")
     node = OmegaConf.select(config, parent) if parent and ": found" in problem else None
     if not isinstance(node, DictConfig) or not OmegaConf.is_interpolation(node, key):
@@ -243,7 +243,7 @@ def _foreign_values(config: DictConfig) -> Iterator[str]:
 
 
 def _options_at_the_top() -> Iterator[Mapping[str, Any]]:
-    """What options that stand at the top themselves (``# @package _global_``) say, of any group."""
+    """Content of options that stand at the top themselves (``# @package _global_``) say, of any group."""
     for file in sorted(CONF.glob("*/*.yaml")):
         if page(file).at_top:
             yield page(file).tree

@@ -28,7 +28,7 @@ from drape.errors import DrapeError
 REFUSED = 2
 """Exit status when the user can put it right."""
 FULL_DISK = ("No space left on device", "Disk quota exceeded", "PytorchStreamWriter failed writing")
-"""What the system, HDF5 and PyTorch say of it."""
+"""Words of the system, HDF5 and PyTorch for it."""
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 NOT_A_PLACE = {
     errno.EACCES: "set its permissions, or choose another path",
@@ -40,13 +40,13 @@ NOT_A_PLACE = {
     errno.ENAMETOOLONG: "choose a shorter name",
     errno.ELOOP: "links there lead in a circle: choose another path",
 }
-"""What the system says of a path that cannot be used, and what helps."""
+"""Error number of a path that cannot be used -> remedy."""
 UNQUOTED = (
     "LexerNoViableAltException", "mismatched input", "no viable alternative", "extraneous input", "Ambiguous value",
 )  # fmt: skip
-"""What Hydra says of ``path=a=b.obj``, ``path=a[1].obj``, ``path=é.obj`` and ``path=a,b.obj``."""
+"""Words of Hydra's errors for ``path=a=b.obj``, ``path=a[1].obj``, ``path=é.obj`` and ``path=a,b.obj``."""
 NO_OPTION = "Config group override must be"
-"""What Hydra says of ``scene=null`` and ``scene=3``."""
+"""Words of Hydra's error for ``scene=null`` and ``scene=3``."""
 INTERRUPTED, TERMINATED = 130, 143
 """Exit status after Ctrl+C and after SIGTERM, as shells count them."""
 
@@ -149,7 +149,7 @@ def _made_a_folder(error: FileNotFoundError) -> bool:
 
 
 def _unquoted(error: HydraException) -> str:
-    """How to write a value that Hydra takes for more than one word."""
+    """Sentence with the right quotes for a value that Hydra takes for more than one word."""
     given = getattr(error, "override", None) or re.findall(r"'(.*=.*)'\n", str(error) + "\n")[0]
     key, _, value = given.partition("=")
     quote = '"' if "'" in value else "'"
@@ -162,7 +162,7 @@ def _unquoted(error: HydraException) -> str:
 
 
 def _composition(error: HydraException) -> str:
-    """What Hydra and OmegaConf say, without the list of folders searched, and with a suggestion for a misspelt key."""
+    """Message of Hydra and OmegaConf without the list of folders searched, with a suggestion for a misspelt key."""
     text, hint = [], ""
     for cause in causes(error):
         if isinstance(cause, HydraException | OmegaConfBaseException):

@@ -19,7 +19,7 @@ DEEPEST, LARGEST = 20, 10_000
 """Levels and values that a config may have: YAML can say more than fits into any memory in a few lines."""
 PLAIN = (str, bool, int, float, type(None))
 INSTRUCTIONS = ("_target_", "_partial_")
-"""What a config that is stored may tell Hydra; no ``_args_``, and nothing that changes how the others are read."""
+"""Instructions to Hydra in a stored config; no ``_args_``, and nothing that changes how the others are read."""
 
 
 @functools.cache
@@ -57,7 +57,7 @@ def build_from_file(tree: object, groups: Collection[str], where: str) -> Any:
 
 
 def _foreign(tree: object, path: str, allowed: Collection[str], groups: Collection[str]) -> Iterator[str]:
-    """What stands in ``tree`` that no run of this program stores."""
+    """Sentences on the entries of ``tree`` that no run of this program stores."""
     seen, nodes = 0, [(tree, path, 0)]
     while nodes:
         node, place, depth = nodes.pop()

@@ -17,9 +17,9 @@ TEXT, NODE = "a text", "a group of values"
 TEXTS = ("${shipped:", "${joined:")
 """Interpolations that give texts."""
 FREE = ("workers", "data.pins", "data.fabric", "data.test", "name")
-"""What may be of a kind that no option happens to be of."""
+"""Paths of values that may be of a kind that no option happens to be of."""
 UNTOLD = ("_target_", "defaults", "hydra")
-"""What is not among the values of a command."""
+"""Keys that are not among the values of a command."""
 
 
 def of_another_kind(tree: Mapping[str, Any], folder: Path, contents: str) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""What the pages of ``conf/`` say, each parsed once: every check of a config asks for all of them."""
+"""Pages of ``conf/``, each parsed once: every check of a config asks for all of them."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ RANGES = {name: found for found, names in NAMES.items() for name in names.split(
 FOLDERS = ("name", "data.name", "fabric.name", "scale.name")
 """Texts that become a part of a path."""
 EMPTY = ("logger",)
-"""Where an empty text means something: no folder of their own."""
+"""Nodes in which an empty text has a meaning: no folder of their own."""
 
 
 def range_of(path: str) -> Range:

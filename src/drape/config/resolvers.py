@@ -17,7 +17,7 @@ PACKAGED = Path(__file__).parents[1] / "conf"
 CONF = PACKAGED if PACKAGED.is_dir() else Path(__file__).parents[3] / "conf"
 """The folder of the contents pages and their groups: inside the package where that was installed from a wheel."""
 SHIPPED = Path(__file__).parents[1] / "checkpoints"
-"""Where the checkpoints and tables are that come with the program."""
+"""Folder of the checkpoints and tables that come with the program."""
 
 
 class StatisticsUnknown(DrapeError):
@@ -88,7 +88,7 @@ def _estimates(path: str) -> dict[str, dict[str, float]]:
 
 
 def _check_estimate(fabric: str, name: str, value: object) -> None:
-    """What a config takes in must not be read as a config: no instruction, no interpolation, only numbers."""
+    """Refuse an estimate that could be read as a config: no instruction, no interpolation, only numbers."""
     if any(word.startswith("_") or "${" in word for word in (fabric, name)):
         raise DrapeError(f"{fabric}.{name}: found what is no name")
     if type(value) not in (int, float) or not 0 < value < float("inf"):

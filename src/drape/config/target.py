@@ -20,7 +20,7 @@ def locate(target: object) -> Any:
 
 
 def why_not(target: object) -> str:
-    """Why ``locate`` did not find it."""
+    """Reason for which ``locate`` did not find it."""
     if not isinstance(target, str) or "." not in target:
         return f"found {target!r}; expected the dotted name of a class or function"
     owner, name = None, ""

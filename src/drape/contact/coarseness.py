@@ -48,7 +48,7 @@ def longest_edge(mesh: ClothMesh) -> float:
 
 
 def point_spacing(mesh: ClothMesh, per_edge: int) -> float:
-    """How far apart points of contact are [m] on a cloth with so many inside each edge."""
+    """Distance between points of contact [m] on a cloth with so many inside each edge."""
     return longest_edge(mesh) / (per_edge + 1)
 
 

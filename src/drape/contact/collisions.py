@@ -17,7 +17,7 @@ Body = Float[np.ndarray, "body_vertices 3"] | None
 
 
 class Collisions:
-    """What meets what in a cloth, and between the cloth and a body; derivatives are those of the cloth.
+    """Pairs of primitives that meet in a cloth, and between the cloth and a body; derivatives are those of the cloth.
 
     The barrier is documented in ``barrier``, where ``stiffness_for`` gives a stiffness. All calls take all positions;
     searches for pairs are kept as long as they hold. The same call gives the same answer up to rounding: which

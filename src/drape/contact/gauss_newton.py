@@ -89,7 +89,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, " pairs"]:
 def _closest_on_segments(
     a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray
 ) -> tuple[Float[np.ndarray, " pairs"], Float[np.ndarray, " pairs"], Float[np.ndarray, " pairs"]]:
-    """Where segments ab and cd are nearest, as shares of each, and ``|e₁ × e₂|²`` [m⁴] (Ericson 2005, 5.1.9)."""
+    """Nearest points of segments ab and cd, as shares of each, and ``|e₁ × e₂|²`` [m⁴] (Ericson 2005, 5.1.9)."""
     first, second, gap = b - a, d - c, a - c
     aa, ee, ab = _dot(first, first), _dot(second, second), _dot(first, second)
     f, g = _dot(first, gap), _dot(second, gap)

@@ -11,7 +11,7 @@ from drape.contact.gauss_newton import gauss_newton
 from drape.errors import DrapeError
 
 MARGIN = 0.02
-"""How far free points may leave the region before pairs are searched again, as a share of the mean edge at rest. A
+"""Largest way of free points out of the region before pairs are searched again, as a share of the mean edge at rest. A
 search takes 2 ms for 1000 vertices, 13 ms with a body of 5000, but every pair found costs in every evaluation."""
 WIDE = 5.0
 """Margins by which the region may be larger than what is asked, on average, before pairs are searched anew: it is 2
@@ -28,7 +28,7 @@ Points = Float[np.ndarray, "points 3"]
 
 
 class Meeting:
-    """What may meet in a set of triangles whose first ``free`` points move, as the filter of ipctk allows.
+    """Candidates of collision in a set of triangles whose first ``free`` points move, as the filter of ipctk allows.
 
     Positions are all points, those that move and those that are given, in metres. Candidates (pairs of primitives) are
     those whose boxes come near each other while each point stays in its box of the region; they serve every evaluation
@@ -60,7 +60,7 @@ class Meeting:
         self.potential = ipctk.BarrierPotential(reach, stiffness, True) if reach else None
         self.ccd = ipctk.AdditiveCCD()
         self.searches = 0
-        """How often pairs were searched."""
+        """Number of searches for pairs."""
         edges = np.subtract(*rest[self.mesh.edges[(self.mesh.edges < free).all(axis=1)].T])
         self.margin = MARGIN * float(np.linalg.norm(edges, axis=1).mean())
         self._candidates: ipctk.Candidates | None = None

@@ -26,7 +26,7 @@ class Body(NamedTuple):
 
 
 class Penetration:
-    """What of a cloth is inside a closed body: its vertices, and the midpoints of its edges and of its faces.
+    """Parts of a cloth that are inside a closed body: its vertices, and the midpoints of its edges and of its faces.
 
     A coarse cloth over a convex body has faces inside it before a vertex is. The side of a point is that of all
     faces which share its closest point: see :meth:`NearestFaces.find`.
@@ -41,7 +41,7 @@ class Penetration:
         """Of the surface, that a point stands for; a vertex counts as much as its edges and its faces do."""
 
     def depth(self, x: Float[np.ndarray, "vertices 3"], frame: int) -> Float[np.ndarray, " points"]:
-        """How far each point is inside the body of a frame [m]; 0 where it is outside."""
+        """Depth of each point inside the body of a frame [m]; 0 where it is outside."""
         points = self._points.at(torch.tensor(x)).numpy()
         return np.maximum(-distances(points, self._obstacle, frame), 0.0)
 
@@ -77,7 +77,7 @@ def push_out(
 
 
 def _deepest(obstacle: Obstacle, frame: int) -> float:
-    """How far inside a body a point can be [m]: half its largest extent."""
+    """Largest possible depth of a point inside a body [m]: half its largest extent."""
     return 0.5 * float(np.ptp(obstacle.at(frame), axis=0).max())
 
 

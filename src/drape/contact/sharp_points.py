@@ -27,7 +27,7 @@ SHARE = 1.0
 MOST = 200
 """Points along one edge of the body, at most: a floor may be two triangles of any size."""
 SLANT = 1.5
-"""How far beside a point of the body its nearest point of the cloth may be, in distances above or below it."""
+"""Largest offset of the nearest point of the cloth beside a point of the body, in distances above or below it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class SharpPoints:
         return len(self.shares)
 
     def at(self, body: Float[Tensor, "body_vertices 3"]) -> Float[Tensor, "points 3"]:
-        """Where they are when the vertices of the body are at ``body`` [m]."""
+        """Positions of the points for vertices of the body at ``body`` [m]."""
         first, second = body[self.ends.to(body.device)].unbind(1)
         return first + self.shares.to(body)[:, None] * (second - first)
 
@@ -153,7 +153,7 @@ class SharpPoints:
 
 
 def _steepness(x: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]) -> Float[np.ndarray, " vertices"]:
-    """How steeply all faces fall from each vertex, at least, beside the plane of its normal; 0 where it is no peak."""
+    """Least slope at which all faces fall from each vertex, beside the plane of its normal; 0 where it is no peak."""
     mesh = trimesh.Trimesh(x, faces, process=False)
     normal = mesh.vertex_normals
     along = np.einsum("fci,fi->fc", normal[faces], mesh.face_normals).clip(0.1, 1.0)
@@ -171,7 +171,7 @@ def _inside(
     faces: Int[Tensor, "faces 3"],
     body: Float[Tensor, "body_vertices 3"],
 ) -> Bool[Tensor, " points"]:
-    """Which of those ``asked`` about are inside the body."""
+    """Mask of those ``asked`` about that are inside the body."""
     rows = asked.nonzero()[:, 0]
     if not len(rows):
         return asked

@@ -52,7 +52,7 @@ class AnimationHeader:
     dt: float
     """Time between frames [s]."""
     frames: int
-    """How many frames there are to be, the initial state counted."""
+    """Number of frames that there are to be, the initial state counted."""
     gravity: Float[np.ndarray, "3"]
     """[m/s²]"""
     fabric: str = ""
@@ -61,9 +61,9 @@ class AnimationHeader:
     columns: Mapping[str, str] = field(default_factory=dict)
     """Names and units of the numbers that are stored with each frame, such as ``{"residual": "N"}``."""
     config: str = "{}"
-    """What determines the frames, as YAML: an animation goes on only where this is the same."""
+    """Settings that determine the frames, as YAML: an animation goes on only where this is the same."""
     forms: Forms = (None, None)
-    """How cloth and body stood in their files."""
+    """Forms of cloth and body in their files."""
 
     @classmethod
     def of_scene(cls, scene: Scene, columns: Mapping[str, str], config: str) -> AnimationHeader:
@@ -144,7 +144,7 @@ class AnimationFile:
             check_field(self._file, self.path, Field(f"numbers/{name}", ("frames",), "float64", unit, ""), lengths)
 
     def _check_values(self) -> None:
-        """What no animation can have: faces of no vertex, nothing that weighs, more frames than were wanted."""
+        """Refuse what no animation can have: faces of no vertex, nothing that weighs, more frames than were wanted."""
         rest, faces, mass = (self._file[f"mesh/{name}"][:] for name in ("rest_positions", "faces", "mass"))
         if not (faces.min() >= 0 and faces.max() < len(rest)):
             raise DrapeError(f"{self.path}: mesh/faces: found {faces.max()}; expected 0..{len(rest) - 1}")

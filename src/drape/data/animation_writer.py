@@ -30,7 +30,7 @@ from drape.errors import DrapeError
 from drape.scene.state import State
 
 UNREADABLE = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile)
-"""What reading a torn part may raise."""
+"""Errors that reading a torn part may raise."""
 
 
 class AnimationWriter:
@@ -211,7 +211,7 @@ def _write_header(file: h5py.File, header: AnimationHeader) -> None:
 
 
 def _identity(header: AnimationHeader) -> dict:
-    """What two animations must have in common for one to go on where the other stopped; arrays by their check sums."""
+    """Key that two animations must share for one to go on where the other stopped; arrays by their check sums."""
     arrays = {
         name.replace("/", "."): f"{array.shape} {hashlib.sha256(np.ascontiguousarray(array)).hexdigest()[:8]}"
         for name, array in header.arrays().items()

@@ -21,5 +21,5 @@ def steps_run(quality: int) -> int:
 
 
 def gravity_factor(quality: int) -> float:
-    """What gravity is multiplied by at a ``quality``."""
+    """Factor of gravity at a ``quality``."""
     return (steps_run(quality) / quality) ** 2

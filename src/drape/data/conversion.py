@@ -23,7 +23,7 @@ SHOWN = 20
 
 @dataclass(frozen=True)
 class Conversion:
-    """What a conversion gave."""
+    """Result of a conversion."""
 
     path: Path
     converted: int

@@ -37,7 +37,7 @@ def write_forms(file: h5py.File, forms: Forms) -> None:
 
 
 def read_forms(file: h5py.File) -> Forms:
-    """What :func:`write_forms` stored."""
+    """The forms that :func:`write_forms` stored."""
     cloth, body = (_read(file[f"file/{name}"]) if f"file/{name}" in file else None for name in NAMES)
     return cloth, body
 

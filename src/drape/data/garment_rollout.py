@@ -34,7 +34,7 @@ class GarmentRollout:
     fabrics: tuple[str, ...]
     """Of each garment, as recorded."""
     names: tuple[str, ...]
-    """What the samples are, for messages."""
+    """Names of the samples, for messages."""
 
     @property
     def length(self) -> int:

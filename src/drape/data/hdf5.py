@@ -87,7 +87,7 @@ class GarmentFile:
 
     @property
     def source(self) -> str:
-        """What made the frames."""
+        """Program that made the frames."""
         return self.attribute("source")
 
     @property

@@ -180,7 +180,7 @@ def _group_attributes(group: h5py.Group, path: Path, kind: str) -> dict:
 
 
 def layout_of(dataset: object, path: Path, entry: Field, lengths: dict[str, int]) -> Layout:
-    """Where a dataset lies that is what ``entry`` says; ``lengths`` as in :func:`check_dataset`.
+    """Layout of a dataset that is what ``entry`` says; ``lengths`` as in :func:`check_dataset`.
 
     Raises:
         DrapeError: it is something else, or does not lie in the file as it is.

@@ -69,5 +69,5 @@ class WindowLoader:
 
 
 def share_of(trainer: lightning.Trainer | None) -> dict[str, int]:
-    """Which of the processes of ``trainer`` this is, as :class:`WindowLoader` takes it; alone without one."""
+    """Number of this process among those of ``trainer``, as :class:`WindowLoader` takes it; alone without one."""
     return {} if trainer is None else {"rank": trainer.global_rank, "world_size": trainer.world_size}

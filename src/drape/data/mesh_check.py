@@ -39,7 +39,7 @@ def check_masses(mass: np.ndarray, where: str) -> None:
 
 
 def check_weights(arrays: Mapping[str, np.ndarray], where: str) -> int:
-    """How many joints the skinning weights need; they are shares of 1 for every vertex.
+    """Number of joints that the skinning weights need; they are shares of 1 for every vertex.
 
     Raises:
         DrapeError: opens with ``where``.

@@ -13,7 +13,7 @@ from drape.errors import DrapeError
 
 @dataclass(frozen=True)
 class Observation:
-    """What of a recording is seen: every ``stride``-th frame, each coordinate with normal noise.
+    """View of a recording: every ``stride``-th frame, each coordinate with normal noise.
 
     A vertex in a frame has the same noise in every window that it is seen in.
 

@@ -12,7 +12,7 @@ from drape.data.difference import refuse_difference
 from drape.data.folder_lock import locked
 
 OTHERWISE = "delete it, or choose another data.path"
-"""What to do where another data set is in the way."""
+"""Remedy where another data set is in the way."""
 
 
 def parts_of(path: Path) -> Path:

@@ -88,7 +88,7 @@ def recorded_scene(
 
 
 def scene_frames(sequence: GarmentSequence, frames: int | None = None) -> int:
-    """How many frames a scene of the sequence simulates: ``frames``, or None for all that are recorded after its start.
+    """Frames that a scene of the sequence simulates: ``frames``, or None for all that are recorded after its start.
 
     Raises:
         DrapeError: the garment was not recorded, or fewer frames than asked for.

@@ -54,12 +54,12 @@ class GarmentSequence:
 
     @classmethod
     def stored_attributes(cls) -> tuple[str, ...]:
-        """Which fields are attributes of the group in the file."""
+        """Fields that are attributes of the group in the file."""
         return tuple(entry.name for entry in fields(cls) if entry.name not in ("file", "name", "kind"))
 
     @property
     def gravity(self) -> Float[np.ndarray, "3"]:
-        """What acted on the garment [m/s²]: in some of Blender's recordings more than was asked for."""
+        """Gravity that acted on the garment [m/s²]: in some of Blender's recordings more than was asked for."""
         steps = self.quality.get("solver_steps")
         made_by_blender = str(self.file.source).startswith("blender")
         return self.file.gravity * (gravity_factor(int(steps)) if made_by_blender and steps else 1.0)

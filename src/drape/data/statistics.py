@@ -16,7 +16,7 @@ BATCH = 16
 
 
 def training_statistics(data: TrajectoryDataModule) -> dict[str, float]:
-    """What evenly spaced windows of the training split say.
+    """Statistics of evenly spaced windows of the training split.
 
     Root mean squares: ``stretch`` of Δl [m] and ``speed`` of edge midpoints [m/s]. ``stretch_typical`` is the median
     of |Δl| [m], ``hinge_typical`` that of |Δθ| of inner edges [rad], ``area`` the mean area at an edge [m²]. Energies:

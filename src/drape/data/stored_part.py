@@ -1,4 +1,4 @@
-"""What goes into a data set: its header, and for each sequence the body, the garment and the frames."""
+"""Parts of a data set: its header, and for each sequence the body, the garment and the frames."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Header:
     """Everything in a file that is not a body, a garment or a sequence."""
 
     source: str
-    """What made the frames: ``blender 5.0.1``, ``cloth3d``, ``vto``, ``recorded``."""
+    """Program that made the frames: ``blender 5.0.1``, ``cloth3d``, ``vto``, ``recorded``."""
     fps: float
     """Frames per second [1/s]."""
     gravity: tuple[float, float, float]
@@ -60,7 +60,7 @@ class StoredBody:
     """With ``weights``: where sequences store transforms."""
     weights: Float[np.ndarray, "vertices 4"] | None = None
     shape: Mapping[str, object] = field(default_factory=dict)
-    """What it was made from; plain values."""
+    """Origin of it; plain values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class StoredGarment:
     bones: Int[np.ndarray, "vertices 4"] | None = None
     weights: Float[np.ndarray, "vertices 4"] | None = None
     style: Mapping[str, object] = field(default_factory=dict)
-    """What it was made from; plain values."""
+    """Origin of it; plain values."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,7 +63,7 @@ class Window:
 
     @property
     def balance(self) -> Float[Tensor, " meshes"]:
-        """ΔV, the change of potential plus dissipated energy that the motion shows [J] (paper, eq. 6).
+        """ΔV, the change of elastic plus dissipated energy that the motion shows [J] (paper, eq. 6).
 
         ``-(T(t+1) - T(t)) - (V_g(t+1) - V_g(t))``, each difference taken vertex by vertex before it is summed.
         """

@@ -39,7 +39,7 @@ class Evaluation(NamedTuple):
 def terms_of(
     fabric: Sequence[EnergyTerm], contact: Contact | None, friction: float | None, *, gravity: bool, external: bool
 ) -> list[EnergyTerm]:
-    """What the potential of a cloth sums, in the order of all tables; no term that costs and adds nothing.
+    """Summands of an incremental potential, in the order of all tables; no term that costs and adds nothing.
 
     Args:
         fabric: the energies of its material.
@@ -139,7 +139,7 @@ class IncrementalPotential(nn.Module):
 
 
 def _reason(term: EnergyTerm, scene: Scene) -> str:
-    """Why ``scene`` requires a term."""
+    """Reason for which ``scene`` requires a term."""
     match term:
         case Inertia():
             return "the cloth has mass"

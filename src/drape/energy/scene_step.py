@@ -125,7 +125,7 @@ class SceneSteps:
         return self._searched[2]
 
     def body(self, time: float) -> Float[np.ndarray, "body_vertices 3"] | None:
-        """Where the body is at a time in frames [m]."""
+        """Positions of the body at a time in frames [m]."""
         return None if self.scene.obstacle is None else _between(self.scene.obstacle, time)
 
     def pinned(self, x: Float[Tensor, "vertices 3"], state: State, stop: float) -> Float[Tensor, "vertices 3"]:
@@ -136,7 +136,7 @@ class SceneSteps:
         return x.index_copy(0, torch.tensor(self.scene.pins.vertices, device=self.device), targets)
 
     def pin_targets(self, time: float) -> Float[np.ndarray, "pinned 3"]:
-        """Where the pinned vertices are at a time in frames [m]."""
+        """Positions of the pinned vertices at a time in frames [m]."""
         return _between(self.scene.pins, time)
 
 

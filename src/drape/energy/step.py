@@ -94,7 +94,7 @@ class Step:
         return self.once(("vertices", reach), lambda: self.near.within(reach, self.mesh.num_vertices))
 
     def once(self, key: Hashable, make: Callable[[], Kept]) -> Kept:
-        """What ``make`` gives, made once for this step."""
+        """The result of ``make``, made once for this step."""
         if key not in self._kept:
             self._kept[key] = make()
         return self._kept[key]

@@ -71,7 +71,7 @@ class Method:
 
     @cached_property
     def training(self) -> dict[str, Any] | None:
-        """How the network of the simulator came about; None where there is none."""
+        """Description of the training of the simulator's network; None where there is none."""
         checkpoint = self.config.simulator.get("checkpoint")
         return None if checkpoint is None else load_simulator(checkpoint).training
 
@@ -85,7 +85,7 @@ class Method:
             self._fabric(fabric)
 
     def simulator(self, sequence: GarmentSequence, scene: Scene) -> Simulator:
-        """What animates ``scene``, which is made of ``sequence``."""
+        """The simulator of ``scene``, which is made of ``sequence``."""
         if not self.minimises:
             offered = {"scene": scene, "sequence": sequence}
             return self._make(**{name: offered[name] for name in self._asks})
@@ -94,7 +94,7 @@ class Method:
         return self._make(potential=potential, scene=scene, attributes=fabric.attributes)
 
     def settings(self, sequence: GarmentSequence) -> dict[str, Any]:
-        """What determines the frames of ``sequence``, as plain values."""
+        """Settings that determine the frames of ``sequence``, as plain values."""
         names = ("simulator", *OF_ENERGIES, "fabric") if self.minimises else ("simulator",)
         config = self._with_fabric(sequence.fabric)
         nodes = {name: OmegaConf.to_container(config[name], resolve=True) for name in names}

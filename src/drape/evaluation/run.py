@@ -17,7 +17,7 @@ from drape.metrics.record import EvaluationRecord
 
 
 class Evaluated(NamedTuple):
-    """What came out, and where it lies."""
+    """Result of an evaluation, and its folder."""
 
     record: EvaluationRecord
     scored: list[ScoredSequence]

@@ -14,14 +14,14 @@ from drape.data.whole_file import whole_file
 from drape.metrics.garment_scores import SCORES, sequence_scores
 
 OF_SEQUENCE = ("ms_per_frame", "converged_percent")
-"""What a sequence has beside the means of its frames."""
+"""Scores of a sequence beside the means of its frames."""
 UNREADABLE = (OSError, ValueError, KeyError, TypeError)
-"""What a damaged file of scores may raise; then they are computed again."""
+"""Errors that a damaged file of scores may raise; then they are computed again."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredSequence:
-    """What was measured of one sequence."""
+    """Measurements of one sequence."""
 
     name: str
     kind: str

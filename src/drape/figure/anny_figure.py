@@ -74,7 +74,7 @@ def at_rest(body: AnnyBody) -> tuple[Float[np.ndarray, "vertices 3"], Float[np.n
 
 
 def _ends(body: AnnyBody) -> dict[str, np.ndarray]:
-    """Where the bones of the limbs end, those of arms and legs before what hangs on them; feet stay level."""
+    """Ends of the bones of the limbs, those of arms and legs before what hangs on them; feet stay level."""
     ends = {}
     for number, side in enumerate(("left", "right")):
         for part in ("upper_arm", "forearm", "thigh", "shin"):

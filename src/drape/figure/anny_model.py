@@ -39,7 +39,7 @@ class AnnyBody:
     weights: Float[np.ndarray, "vertices joints"]
     """Add up to one."""
     knuckles: Float[np.ndarray, "2 3"]
-    """Where the left and the right palm end."""
+    """Ends of the left and the right palm."""
 
 
 def anny_body(phenotype: Phenotype) -> AnnyBody:

@@ -18,7 +18,7 @@ ROOM = 0.04
 ARMPIT = 0.08
 """Vertices of an arm that are nearer to the rest of the body at rest are its armpit [m]."""
 ANGLES = np.radians(np.arange(0.0, 61.0, 4.0))
-"""How far an arm may be raised to the side, in addition to its motion."""
+"""Angles by which an arm may be raised to the side, in addition to its motion [rad]."""
 BEFORE, SMOOTHING = 0.3, 0.1
 """An arm is raised this much before it has to be, and as smoothly [s]."""
 

@@ -34,7 +34,7 @@ class Figure:
     """A body at rest in metres: z up, soles at z = 0, facing -y, its left side at +x, arms 35 degrees down."""
 
     shape: FigureShape | Phenotype
-    """What it was made from."""
+    """The shape that it was made from."""
     stature: float
     """From sole to crown [m]."""
     directions: dict[str, Float[np.ndarray, "3"]]

@@ -74,7 +74,7 @@ GRAVITY = 9.81
 INSTEP = 0.13
 """From the ankle to the ball of the foot [m]."""
 STRAIGHT = 0.006
-"""How much lower than with straight legs a body stands [m]."""
+"""Depth below its stand with straight legs of a body [m]."""
 
 
 def squat(time: Float[np.ndarray, " frames"], rng: np.random.Generator) -> Pose:

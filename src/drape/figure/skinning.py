@@ -14,7 +14,7 @@ FULLEST = {"pelvis": 0.15, "spine": 0.14, "chest": 0.15, "throat": 0.075, "skull
            "upper_arm": 0.05, "forearm": 0.04, "hand": 0.035, "thigh": 0.08, "shin": 0.055, "foot": 0.04}  # fmt: skip
 """Thickness around each bone [m]: a vertex belongs to the bone that is nearest in units of it."""
 SPREAD = 0.05
-"""How far a joint bends the surface to either side of it [m]."""
+"""Reach of a joint's bend of the surface to either side of it [m]."""
 
 
 def pose_vertices(

@@ -58,7 +58,7 @@ class Loft:
         return replace(self, half=gaussian_filter1d(self.half, SOFTENING, axis=0, mode="nearest"))
 
     def reach(self, points: Float[np.ndarray, "*grid 3"]) -> Float[np.ndarray, "*grid"]:
-        """How far the section at each point reaches from the axis in the first direction across it [m]."""
+        """Reach of the section at each point from the axis in the first direction across it [m]."""
         along = (points - self.origin) @ self.frame[0]
         return np.interp(along, self.along, self.half[:, 0] + np.abs(self.centre[:, 0]))
 

@@ -27,7 +27,7 @@ from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
 
 RECORDED = ".bvh"
-"""How the name of a motion ends that is read from a file."""
+"""Ending of the name of a motion that is read from a file."""
 OF_MOTION = 1_000_003
 """Sets the random numbers of the motion apart from those of the garments."""
 

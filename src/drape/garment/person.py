@@ -18,7 +18,7 @@ from drape.scene.scene import Scene, frame_time
 from drape.scene.state import State
 
 NEEDED = {"skimage": "scikit-image", "gpytoolbox": "gpytoolbox"}
-"""What making a figure and garments imports, and how it is installed."""
+"""Modules that making a figure and garments imports -> packages to install."""
 
 
 def person(

@@ -23,9 +23,9 @@ class GarmentStyle:
     ease: float = 0.012
     """Distance between the cloth and the body where it sits closely [m]."""
     length: float = 0.6
-    """Where the hem is: tshirt, top 0 at the waist, 1 at the crotch; others 0 at the crotch, 1 at the ankle."""
+    """Height of the hem: tshirt, top 0 at the waist, 1 at the crotch; others 0 at the crotch, 1 at the ankle."""
     sleeve: float = 0.35
-    """Where the sleeve ends: 0 at the shoulder, 1 at the wrist."""
+    """End of the sleeve: 0 at the shoulder, 1 at the wrist."""
     fit: float = 0.5
     """1 follows the body, 0 hangs straight down from the widest place above."""
     flare: float = 0.15
@@ -63,7 +63,7 @@ RANGES: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "skirt": {"length": (0.15, 0.85), "flare": (0.1, 0.5), "fit": (0.5, 1.0)},
     "trousers": {"length": (0.25, 0.97), "fit": (0.2, 0.9), "flare": (0.0, 0.15)},
 }
-"""What :func:`random_style` draws from, uniformly, for each kind; the other measures from :data:`USUAL`."""
+"""Ranges that :func:`random_style` draws from, uniformly, for each kind; the other measures from :data:`USUAL`."""
 
 USUAL: Mapping[str, tuple[float, float]] = {
     "ease": (0.010, 0.018),

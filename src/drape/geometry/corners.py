@@ -18,7 +18,7 @@ class Corners(NamedTuple):
 
     vertices: Int[Tensor, "pieces corners"]
     slots: Int[Tensor, " components"]
-    """Where each component of ``[corners, 3, pieces]`` stands in the flattened ``[vertices, 3]``."""
+    """Place of each component of ``[corners, 3, pieces]`` in the flattened ``[vertices, 3]``."""
 
     @classmethod
     def of(cls, vertices: Int[Tensor, "pieces corners"]) -> Corners:

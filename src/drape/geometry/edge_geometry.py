@@ -1,4 +1,4 @@
-"""What an edge of a deformed cloth looks like: its length, its angles, its area; safe for every input.
+"""Geometry of the edges of a deformed cloth: its length, its angles, its area; safe for every input.
 
 All norms are ``sqrt(|v|² + ε²)`` with ε a millionth of the mesh's own size, so values and first and second derivatives
 stay finite for zero-length edges, faces without area, folds, isolated vertices and normals along an edge, while the
@@ -23,12 +23,12 @@ TINY = 1e-6
 DEGENERATE = 0.25
 """Below this cos² + sin² of a dihedral angle one of the two faces has no area, and there is no angle."""
 HALF_TURN = 1e-5
-"""How near to -π a dihedral angle counts as π [rad]: above what rounding leaves of positions in single precision."""
+"""Distance from -π within which a dihedral angle counts as π [rad]: above the rounding of single precision."""
 
 
 @runtime_checkable
 class Topology(Protocol):
-    """What the geometry of edges needs to know of a mesh."""
+    """Indices of a mesh for the geometry of its edges."""
 
     @property
     def faces(self) -> Int[Tensor, "faces 3"]: ...

@@ -14,7 +14,7 @@ CHUNK = 2**26
 
 
 class OfMeshes(NamedTuple):
-    """Which rows belong to each mesh, side by side; meshes with fewer are filled up."""
+    """Rows of each mesh, side by side; meshes with fewer are filled up."""
 
     row: Int[Tensor, "meshes most"]
     is_there: Bool[Tensor, "meshes most"]

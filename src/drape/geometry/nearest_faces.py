@@ -20,7 +20,7 @@ TIE = 1e-7
 GAP = 10.0
 """Sizes of the largest cloth or body by which those of different meshes are moved apart for the search."""
 DEPTH = 0.2
-"""What is farther behind a face than this, and than is asked for, is not inside a body but behind a surface [m]."""
+"""Largest depth inside a body [m]; farther behind a face, and than is asked for, is behind a surface."""
 FLAT = 1e-9
 """A face of the body whose double area is below this share of its squared size has no side and is left out."""
 
@@ -49,7 +49,7 @@ class NearestFaces:
     height: Float[Tensor, " near"]
     """Offset of the point from the closest one along the normal of the face at t [m]."""
     end: Frame
-    """Where the closest point of the body is at t + dt."""
+    """The closest point of the body at t + dt."""
 
     @classmethod
     def find(

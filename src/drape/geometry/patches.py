@@ -22,7 +22,7 @@ CANDIDATES = 4
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Which patch each vertex belongs to, and how the patches lie on the cloth."""
+    """Patches of the vertices, and their places on the cloth."""
 
     of_vertex: Int[Tensor, " vertices"]
     mesh_of_patch: Int[Tensor, " patches"]

@@ -38,7 +38,7 @@ class SurfacePoints:
     weights: Float[Tensor, "points 3"]
     """Of the corners; they sum to 1."""
     mass_shares: Float[Tensor, "points 3"]
-    """What a point carries of the mass of each corner; over all points they sum to 1 for each vertex."""
+    """Share of the mass of each corner that a point carries; over all points they sum to 1 for each vertex."""
     mesh_of_point: Int[Tensor, " points"]
     kinds: tuple[Kind, ...]
     faces: Int[Tensor, "faces 3"]
@@ -83,7 +83,7 @@ class SurfacePoints:
         )
 
     def at(self, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "points 3"]:
-        """Where the points are when the vertices are at ``x`` [m]."""
+        """Positions of the points for vertices at ``x`` [m]."""
         return (x[self.vertices] * self.weights.to(x)[..., None]).sum(1)
 
     def chosen(self, points: Int[Tensor, " chosen"], num_vertices: int) -> ChosenPoints:
@@ -112,7 +112,7 @@ class ChosenPoints:
             return matrix.to_sparse_csr(), matrix.T.coalesce().to_sparse_csr()
 
     def at(self, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "chosen 3"]:
-        """Where the points are when the vertices are at ``x`` [m]."""
+        """Positions of the points for vertices at ``x`` [m]."""
         return self._matrices[0].to(x.dtype) @ x
 
     def spread(self, force: Float[Tensor, "chosen 3"]) -> Float[Tensor, "vertices 3"]:
@@ -120,7 +120,7 @@ class ChosenPoints:
         return self._matrices[1].to(force.dtype) @ force
 
     def mass(self, mass: Float[Tensor, " vertices"]) -> Float[Tensor, " chosen"]:
-        """What each of the points carries of the ``mass`` of the vertices [kg]."""
+        """Mass of each of the points, of the ``mass`` of the vertices [kg]."""
         return (mass[self.vertices] * self.surface.mass_shares[self.points].to(mass)).sum(-1)
 
 

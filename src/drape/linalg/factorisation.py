@@ -89,7 +89,7 @@ class _SuperLU:
 
 
 class _Entries(NamedTuple):
-    """What PARDISO is told of a matrix."""
+    """Entries of a matrix for PARDISO."""
 
     shape: tuple[int, int]
     indptr: np.ndarray
@@ -141,7 +141,7 @@ class _Pardiso:
         return bool(missed <= self.ENOUGH * np.linalg.norm(right))
 
     def _call(self, phase: int, right: np.ndarray) -> np.ndarray:
-        """What is public of the solver compares all entries in each solve, and knows double precision only."""
+        """Call PARDISO; the solver's public way compares all entries in each solve, and knows double precision only."""
         self._solver.set_phase(phase)
         return self._solver._call_pardiso(self._entries, right.astype(self._entries.data.dtype))
 

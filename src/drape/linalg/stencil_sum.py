@@ -25,7 +25,7 @@ class Filled(NamedTuple):
 
 
 class _Pattern(NamedTuple):
-    """Where the entries of some stencils stand in the data of the upper triangle of a sparse matrix."""
+    """Places of the entries of some stencils in the data of the upper triangle of a sparse matrix."""
 
     places: list[Tensor | np.ndarray]
     """Of each set of stencils, ``entries``; of those that add themselves ``stencils pairs``, side by side in memory."""

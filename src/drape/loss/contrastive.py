@@ -76,7 +76,7 @@ class Contrastive(LossTerm):
     def _change(
         self, step: StepEnergies, x: Float[Tensor, "vertices 3"], edges: Int[Tensor, " affected"] | slice
     ) -> Float[Tensor, " affected"]:
-        """What the energies of ``edges`` gain where x_next becomes ``x`` [J]."""
+        """Gain of the energies of ``edges`` where x_next becomes ``x`` [J]."""
         inputs = step.energy.inputs(EdgeGeometry(x, step.window.mesh), step.current, step.window.dt)
         inputs = {name: value[edges] for name, value in inputs.items()}
         energies = step.energy.energies(inputs, step.attributes[edges])

@@ -24,10 +24,10 @@ class Newton(Potential):
     """Mean of ``½ |z|² / (dt² scale)²`` over the free vertices, ``H z = ∂E/∂x'``, and of ``energies`` · E per mass.
 
     The first is the squared length of Newton's step. Its gradient, with x' - z taken as given, is zero where that of
-    the potential E is, and nowhere else. That of E itself is ruled by the stiffest directions: a crease of a hundredth
-    of the cloth outweighs all that sags, sways and slides by three orders of magnitude. Alone, each leaves what it
-    hardly sees: trained by E, garments are lifted frame by frame; by Newton's step, they sag and enter the body. H is
-    the positive definite Hessian that the solver takes, from the stencils of the terms.
+    the incremental potential E is, and nowhere else. That of E itself is ruled by the stiffest directions: a crease of
+    a hundredth of the cloth outweighs all that sags, sways and slides by three orders of magnitude. Alone, each leaves
+    what it hardly sees: trained by E, garments are lifted frame by frame; by Newton's step, they sag and enter the
+    body. H is the positive definite Hessian that the solver takes, from the stencils of the terms.
 
     Args:
         energies: weight of the mean energies per mass [kg/J] beside the length of Newton's step.

@@ -56,7 +56,7 @@ class Potential(PredictionLoss):
         return {name: mass * energy.detach() for name, energy in values.items()}
 
     def terms(self, prediction: Prediction) -> list[EnergyTerm]:
-        """The summands of the potential at this point of the training."""
+        """The summands of the incremental potential at this point of the training."""
         first, begin, end = self.ramp
         risen = min(max((prediction.progress - begin) / max(end - begin, 1e-9), 0.0), 1.0)
         share = first + (1.0 - first) * risen

@@ -45,5 +45,5 @@ class PredictionLoss(nn.Module, ABC):
         return {}
 
     def total(self, values: dict[str, Tensor]) -> Tensor:
-        """What is minimised: ``weight · Σ values``."""
+        """The number that is minimised: ``weight · Σ values``."""
         return self.weight * torch.stack([value.double() for value in values.values()]).sum()

@@ -15,7 +15,7 @@ from drape.metrics.fabric_metric import FabricMetric
 
 @runtime_checkable
 class VertexInequalities(Protocol):
-    """What the contrastive loss can say of a step."""
+    """Inequalities of the contrastive loss at a step."""
 
     def rise(self, step: StepEnergies) -> tuple[Int[Tensor, " disturbed"], Float[Tensor, " disturbed"]]:
         """Vertices of a fresh draw, and ``E(x_i + δ) - E(x_i)`` [J] of each."""

@@ -32,16 +32,16 @@ class RunRecord:
     variant: Mapping[str, str]
     """Options of the groups of :data:`VARIANT`, which make it another model or another training."""
     setting: Mapping[str, str | int]
-    """What two runs must share to be compared: ``data``, ``material``, ``scale``, ``width``, ``steps`` (those done)."""
+    """Settings that comparable runs share: ``data``, ``material``, ``scale``, ``width``, ``steps`` (those done)."""
     metrics: Mapping[str, float]
     """On the test split: ``quantity_unit/fabric`` and ``quantity_unit/overall``."""
     provenance: Mapping[str, object]
     """``command`` ("python src/train.py" and Hydra's task overrides), ``data`` (path), ``train_sequences``,
     ``test_sequences``, ``seconds`` (of training), ``parameters``, ``versions`` (by package) and whatever else helps."""
     label: str = ""
-    """What reports call it; empty in records of before there were labels."""
+    """Name in reports; empty in records of before there were labels."""
     folder: Path = field(default=Path(), compare=False)
-    """Where it was read from; not stored."""
+    """Folder that it was read from; not stored."""
 
     def save(self, folder: Path | str) -> Path:
         """Write ``metrics.json``; the file is either whole or as it was."""
@@ -68,7 +68,7 @@ REQUIRED = (
     *(("setting", name) for name in ("data", "scale", "width", "steps")),
     *(("provenance", name) for name in ("command", "data", "train_sequences", "test_sequences", "seconds", "versions")),
 )
-"""What a run must say of itself."""
+"""Entries that every run has."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class EvaluationRecord:
     method: Mapping[str, object]
     """``name`` (of the row of a table), and the settings ``simulator`` and, unless it is a baseline, ``energy``."""
     data: Mapping[str, object]
-    """What two evaluations must share to be compared: ``path``, ``source``, ``split``, ``sequences`` (their names),
+    """Common ground of evaluations that may be compared: ``path``, ``source``, ``split``, ``sequences`` (their names),
     ``frames`` (simulated of each)."""
     metrics: Mapping[str, float]
     """``score_unit/kind`` and ``score_unit/overall``, with ``_std`` over sequences; ``sequences/kind``: how many;
@@ -87,7 +87,7 @@ class EvaluationRecord:
     provenance: Mapping[str, object]
     """``command``, ``seconds``, ``versions``, and whatever else helps."""
     folder: Path = field(default=Path(), compare=False)
-    """Where it was read from; not stored."""
+    """Folder that it was read from; not stored."""
 
     @property
     def kinds(self) -> list[str]:
@@ -129,7 +129,7 @@ class MaterialRecord:
 
 @dataclass(frozen=True)
 class SimulatorRecord:
-    """How a simulator came about, and how its last validation went; evaluations quote it."""
+    """Origin of a simulator and the scores of its last validation; evaluations quote it."""
 
     FILE: ClassVar[str] = "simulator.json"
     FORMAT: ClassVar[str] = "drape simulator"

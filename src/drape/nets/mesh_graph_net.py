@@ -181,5 +181,5 @@ class _Message(nn.Module):
 
 
 def _layers(width: int, size_out: int) -> list[nn.Module]:
-    """What follows the first layer: the other hidden one and the output."""
+    """Layers after the first: the other hidden one and the output."""
     return [nn.ReLU(inplace=True), nn.Linear(width, width), nn.ReLU(inplace=True), nn.Linear(width, size_out)]

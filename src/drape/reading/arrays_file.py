@@ -13,7 +13,7 @@ from drape.stored import check_hdf5
 
 NAMES = ("faces", "positions", "fps")
 OF_POSES = ("poses", "betas", "trans")
-"""What motion databases of SMPL bodies (AMASS) hold instead of meshes."""
+"""Arrays that motion databases of SMPL bodies (AMASS) hold instead of meshes."""
 
 
 def read_arrays(path: Path) -> MeshFile:

@@ -17,7 +17,7 @@ class Polygons:
     corners: Int[np.ndarray, " corners"]
     """The vertex at each corner."""
     sizes: Int[np.ndarray, " polygons"]
-    """How many corners each polygon has."""
+    """Number of corners of each polygon."""
 
     @classmethod
     def of_faces(cls, faces: Int[np.ndarray, "faces sides"]) -> Polygons:
@@ -52,33 +52,33 @@ class MeshFile:
     up: str | None = None
     """``y`` or ``z``; None where the file does not say."""
     usual: str = "z"
-    """What is up where neither the file nor anybody says."""
+    """Up axis where neither the file nor anybody says."""
     uv: Float[np.ndarray, "corners 2"] | None = None
     """Texture coordinates of each corner, NaN where it has none; None where no corner has."""
     materials: tuple[str, ...] = ()
     material: Int[np.ndarray, " polygons"] | None = None
-    """Which of ``materials`` each polygon has, -1 for none."""
+    """Index into ``materials`` of each polygon, -1 for none."""
     objects: tuple[tuple[str, ...], ...] = ()
     """Of each object that the file names: the groups that it stands in, and its own name last."""
     object: Int[np.ndarray, " polygons"] | None = None
-    """Which of ``objects`` each polygon belongs to."""
+    """Index into ``objects`` of each polygon."""
     said: tuple[str, ...] = ()
-    """What reading has to say beyond the meshes, such as which clip was taken."""
+    """Remarks of reading beyond the meshes, such as which clip was taken."""
 
 
 @dataclass(frozen=True, eq=False)
 class FileForm:
-    """How a mesh that is simulated stands in its file, so that it can be written as it came in."""
+    """Form of a simulated mesh in its file, so that it can be written as it came in."""
 
     vertex: Int[np.ndarray, " file_vertices"]
-    """Which vertex each one of the file has become; -1 where it belongs to no face."""
+    """Vertex that each one of the file has become; -1 where it belongs to no face."""
     placed: Float[np.ndarray, "file_vertices 3"]
     """Positions in the file [m], +z up: where those stay that belong to no face."""
     polygons: Polygons
     scale: float
     """Metres per unit of the file, with what the scene is enlarged by."""
     up: str
-    """Which axis of the file points up, ``y`` or ``z``."""
+    """Axis of the file that points up, ``y`` or ``z``."""
     first: int
     """Number of the first frame."""
     uv: Float[np.ndarray, "corners 2"] | None = None
@@ -107,9 +107,9 @@ class ReadMesh:
     parts: int
     """Pieces that touch nowhere."""
     changes: Mapping[str, int] = field(default_factory=dict)
-    """How many of what, in words: ``{"copies of vertices merged": 12}``."""
+    """Numbers of changes by their names: ``{"copies of vertices merged": 12}``."""
     shells: tuple[str, ...] = ()
-    """What was done about surfaces that were inside out, one entry each."""
+    """Remarks on surfaces that were inside out, one entry each."""
 
     @property
     def in_order(self) -> Int[np.ndarray, " vertices"]:
@@ -118,7 +118,7 @@ class ReadMesh:
         return used[np.unique(self.form.vertex[used], return_index=True)[1]]
 
     def summary(self, what: str) -> str:
-        """What was read and what was changed, in one line; ``what`` it is opens it."""
+        """One line on what was read and changed; ``what`` it is opens it."""
         size = " x ".join(f"{side:.3g}" for side in np.ptp(self.positions[0], axis=0))
         seen = [f"{self.source.path.name}, {size} m", f"{len(self.positions[0])} vertices", f"{len(self.faces)} faces"]
         seen.append("1 part" if self.parts == 1 else f"{self.parts} parts that touch nowhere")

@@ -29,7 +29,7 @@ def chosen(objects: Sequence[Names], wanted: str | None) -> list[int]:
 
 
 def said(objects: Sequence[Names], wanted: str | None) -> list[str]:
-    """What there is to say about the choice, in a file of several objects."""
+    """Remarks on the choice, in a file of several objects."""
     if len(objects) < 2:
         return []
     if wanted is not None:
@@ -38,7 +38,7 @@ def said(objects: Sequence[Names], wanted: str | None) -> list[str]:
 
 
 def of_object(source: MeshFile, wanted: str | None) -> MeshFile:
-    """What ``wanted`` names of a file that was read as a whole: its polygons, the vertices at them, its materials.
+    """The object ``wanted`` of a file that was read as a whole: its polygons, the vertices at them, its materials.
 
     Raises:
         DrapeError: see :func:`chosen`; the sentence opens with the path.

@@ -20,7 +20,7 @@ class Sheets(NamedTuple):
     """Faces that hang together over edges of exactly two faces."""
 
     of_face: Int[np.ndarray, " faces"]
-    """Which sheet each face belongs to, numbered by their first faces."""
+    """Sheet of each face, numbered by their first faces."""
     turned: Bool[np.ndarray, " faces"]
     """Faces to be turned so that each sheet looks one way, that of the larger part of its area."""
     one_sided: Int[np.ndarray, " some"]

@@ -40,7 +40,7 @@ def explained(potential: IncrementalPotential, step: Step) -> Table:
 
 
 def animated(path: Path, scene: Scene, made: Sequence[Path], barrier: Barrier | None = None) -> str:
-    """How all frames of the file went, what to do about those that did not converge, and where everything is.
+    """Lines on all frames of the file, on those that did not converge and their remedy, and on where everything is.
 
     ``barrier``: what lets nothing cross in them, where there is one; it is then checked that nothing does.
     """
@@ -71,7 +71,7 @@ def animated(path: Path, scene: Scene, made: Sequence[Path], barrier: Barrier | 
 
 
 def _at_the_start(scene: Scene) -> list[str]:
-    """How far garment and body of files are apart, and which pinned vertices are inside the body."""
+    """Lines on the distance of garment and body of files, and on pinned vertices inside the body."""
     if scene.obstacle is None or not scene.said:
         return []
     apart = distances(scene.initial.x, scene.obstacle, 0)
@@ -86,7 +86,7 @@ def _at_the_start(scene: Scene) -> list[str]:
 
 
 def _moved_out(first: Float[np.ndarray, "vertices 3"], initial: Float[np.ndarray, "vertices 3"]) -> list[str]:
-    """What :func:`drape.simulators.rollout.first_frame` did to the initial state."""
+    """Line on what :func:`drape.simulators.rollout.first_frame` did to the initial state."""
     moved = 1e3 * np.linalg.norm(first - initial, axis=1)
     moved = moved[moved > 0]
     if not len(moved):
@@ -99,7 +99,7 @@ def _moved_out(first: Float[np.ndarray, "vertices 3"], initial: Float[np.ndarray
 
 
 def _not_converged(outcomes: Sequence[Outcome], missed: Float[np.ndarray, " frames"]) -> list[str]:
-    """Which frames did not converge and what to do; which of them hang in the air, or that all are usable.
+    """Lines on frames that did not converge and their remedy; which of them hang in the air, or that all are usable.
 
     ``missed``: mean unbalanced force of each frame, in weights of a vertex; NaN is neither.
     """

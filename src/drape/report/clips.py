@@ -33,7 +33,7 @@ QUALITIES = (80, 60, 40, 20)
 """Of WebP, tried in this order until a clip is small enough."""
 MOST_BYTES = 1_000_000
 LAST_SHOWN = 900
-"""How long a clip stays at its end [ms]."""
+"""Time for which a clip stays at its end [ms]."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from drape.scene.scene import Scene
 def untangled(
     tangled: Float[np.ndarray, "vertices 3"], first: Float[np.ndarray, "vertices 3"], scene: Scene, barrier: Barrier
 ) -> list[str]:
-    """What :func:`drape.simulators.rollout.first_frame` did about crossings of ``tangled``; nothing without any."""
+    """Line on crossings of ``tangled`` that :func:`drape.simulators.rollout.first_frame` undid; nothing without any."""
     before, after = (_crossings(x, 0, scene, barrier) for x in (tangled, first))
     count, left = len(before.pairs), len(after.pairs)
     if not count:
@@ -29,7 +29,7 @@ def untangled(
 
 
 def crossed(file: AnimationFile, scene: Scene, barrier: Barrier) -> str:
-    """How many frames end with crossing faces: a check of what the barrier promises."""
+    """Number of frames that end with crossing faces: a check of what the barrier promises."""
     count = file.num_frames - 1
     ends = [len(_crossings(file.x(frame), frame, scene, barrier).pairs) for frame in range(1, count + 1)]
     if not any(ends):

@@ -75,7 +75,7 @@ def draw_energy_map(
         axis.set_ylabel("Δα or, of hinges, Δθ [degrees]")
     for axis in axes[-1]:
         axis.set_xlabel("Δl [mm]")
-    figure.suptitle("Potential energy φp of an edge relative to rest [J]", fontsize=10)
+    figure.suptitle("Elastic energy φp of an edge relative to rest [J]", fontsize=10)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)

@@ -37,7 +37,7 @@ class Compared(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Pictured:
-    """What of a card is drawn."""
+    """The numbers of a card that are drawn."""
 
     fabric: str
     profile: Float[np.ndarray, "columns 2"]

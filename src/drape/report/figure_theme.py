@@ -16,7 +16,7 @@ INK = {False: "#24292f", True: "#d8dee6"}
 LONG = 24
 """Letters up to which three names stand side by side."""
 FORMATS = {".svg": {"Date": None}, ".png": {}}
-"""What is written into a file beside the picture: nothing that differs from run to run."""
+"""Metadata of a file by its ending: nothing that differs from run to run."""
 
 
 @contextmanager

@@ -29,9 +29,9 @@ OF_SEED = re.compile(r"[\s_/-]*(seed|s)[_=-]?\d+$")
 OF_BUDGET = re.compile(r"(_\d+)?(_x\d+)?$")
 """The end of a name that says what a solver may spend."""
 SPENT = {"iterations": "{} evaluations", "steps": "{} steps a frame"}
-"""What labels say of that."""
+"""Words of labels for that."""
 TOLD_APART_BY = ("scale", "iterations", "name")
-"""What is added to labels that would be the same, in this order."""
+"""Additions to labels that would be the same, in this order."""
 
 
 @cache
@@ -50,7 +50,7 @@ class GarmentRow:
 
     @property
     def training(self) -> Mapping[str, Any]:
-        """How its simulator was trained; empty where it was not."""
+        """Training of its simulator; empty where there was none."""
         return training_of(self.records[0])
 
     @property

@@ -36,7 +36,7 @@ COLUMNS = {
 SHOWN = ("collision_percent", "inside_percent", "hem_times", "ms_per_frame")
 """Columns of the comparison, after the errors."""
 WITH_SPREAD = ("error_mm", "floor_mm", "collision_percent")
-"""What the paper gives with its standard deviation."""
+"""Scores that the paper gives with their standard deviation."""
 
 
 def arranged(kinds: Iterable[str]) -> list[str]:

@@ -24,11 +24,11 @@ from drape.report.table import Table
 
 HERE = Path(__file__).parent
 ENERGY_MAP = "figures/energy_map.png"
-"""Where a training leaves its map, below its folder."""
+"""Path of a training's map, below its folder."""
 
 
 class Page:
-    """Where the page stands, and how much of each data set is shown in motion.
+    """The page of results: its folder, and how much of each data set is shown in motion.
 
     Args:
         folder: of ``index.html`` and all that it shows.

@@ -1,4 +1,4 @@
-"""What the page of results shows of a table, a figure, a data set: plain values for ``page.html``."""
+"""Parts of the page of results for a table, a figure, a data set: plain values for ``page.html``."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ class Row(NamedTuple):
 
     label: str
     options: Mapping[str, str]
-    """What it is made of, by the names of :data:`~drape.metrics.record.VARIANT`."""
+    """Its options, by the names of :data:`~drape.metrics.record.VARIANT`."""
 
 
 @cache

@@ -59,7 +59,7 @@ def seed_of(record: EvaluationRecord) -> int | None:
 
 
 def _trained(record: EvaluationRecord) -> tuple:
-    """What two evaluations of one name may differ in and both count."""
+    """Key in which two evaluations of one name may differ and both count."""
     training = record.method.get("training")
     told = training if isinstance(training, Mapping) else {}
     return (seed_of(record), *(repr(told.get(key)) for key in ("row", "ablation", "scale", "iterations")))

@@ -14,7 +14,7 @@ from drape.scene.camera import Camera
 ASPECT = 0.75
 """Width over height of a picture."""
 ROOM = 1.3
-"""How much larger than the garment the picture is."""
+"""Size of the picture over that of the garment."""
 SMOOTHED = 0.4
 """Standard deviation of the time over which the camera averages what it follows [s]."""
 MOST_ERROR = 0.10
@@ -24,7 +24,7 @@ RIGHT, WRONG = np.array([0.62, 0.78, 0.80]), np.array([0.80, 0.16, 0.18])
 
 
 class Stage:
-    """What all pictures of one sequence share.
+    """View that all pictures of one sequence share.
 
     Args:
         reference: positions of the recorded garment, which the camera follows [m].

@@ -9,7 +9,7 @@ from drape.metrics.record import MaterialRecord, RunRecord, SimulatorRecord, rea
 
 
 def summary(path: Path) -> str:
-    """What the record of a training at ``path`` says; of a trial run, which leaves none, only that."""
+    """Lines on the record of a training at ``path``; of a trial run, which leaves none, only that."""
     if not path.is_file():
         return "a trial run: nothing was recorded"
     if path.name == SimulatorRecord.FILE:

@@ -18,7 +18,7 @@ OVER_SEEDS = "Means over seeds, in brackets the range over seeds of the mean."
 OF_PAPER = "– in the paper"
 """Label of the row below ours with the paper's numbers."""
 BASELINES = {"inertial_force_N": "no internal force", "spring_hinge_residual_N": "fitted spring-hinge law"}
-"""What a force residual is compared with."""
+"""Rows that a force residual is compared with."""
 TableOf = Callable[[Sequence[Configuration]], Table]
 """Makes a table of configurations that share their setting; ``conf/tables/`` lists them."""
 
@@ -108,7 +108,7 @@ def quantity_table(found: Sequence[Configuration], key: str, title: str) -> Tabl
 
 
 def orderings(found: Sequence[Configuration]) -> Table:
-    """Which of the paper's claims "a is better than b" the runs show, by their energy error."""
+    """Claims of the paper "a is better than b" against the runs, by their energy error."""
     ours = {label(c): c for c in found if is_papers(c)}
     names = columns(list(ours.values()), "energy_error_J2") if ours else []
     rows = [

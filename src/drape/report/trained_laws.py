@@ -42,7 +42,7 @@ def draw_trained_laws(rows: Sequence[Mapping[str, str | float]], name: str, path
 
 
 def _places(values: Sequence[float]) -> dict[float, float]:
-    """Where each value stands on a logarithmic axis."""
+    """Place of each value on a logarithmic axis."""
     lowest = min((value for value in values if value > 0), default=10.0)
     return {value: value if value > 0 else lowest / 10 for value in values}
 

@@ -12,7 +12,7 @@ from drape.scene.obstacle import Obstacle
 
 
 def follow(obstacle: Obstacle, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "frames points 3"]:
-    """Where ``points`` [m] go that are fixed to the body's nearest face (by its centre) as they are in frame 0.
+    """Positions of ``points`` [m] that are fixed to the body's nearest face (by its centre) as they are in frame 0.
 
     In the frame of the face (origin at a corner, axes along a side, the normal, and across both) their coordinates
     stay the same, so that a rigid motion of the body carries them rigidly.

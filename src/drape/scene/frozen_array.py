@@ -7,7 +7,7 @@ import numpy as np
 from drape.errors import DrapeError
 
 AXES = {1: ("entry",), 2: ("vertex",), 3: ("frame", "vertex")}
-"""What the leading axes of an array count, by number of dimensions."""
+"""Names of the leading axes of an array, by number of dimensions."""
 
 
 def frozen_floats(values: object, shape: tuple[int | None, ...], what: str) -> np.ndarray:

@@ -48,7 +48,7 @@ def check_cloth_size(
 
 
 def _units(longest: float) -> str:
-    """What the numbers of a file would mean in other units."""
+    """Sizes that the numbers of a file would mean in other units."""
     fits = {unit: longest * scale for unit, scale in UNITS.items() if LIKELY[0] <= longest * scale <= LIKELY[1]}
     if not fits:
         return "the file seems to have another unit (0.001 for millimetres, 0.01 for centimetres)"
@@ -82,7 +82,7 @@ def check_upright(positions: Float[np.ndarray, "vertices 3"], where: str, assume
 
 
 def perhaps_lying(positions: Float[np.ndarray, "vertices 3"], assumed: str | None) -> list[str]:
-    """What to say of a garment without a body that lies as those of another up axis do than was ``assumed``.
+    """Remark on a garment without a body that lies as those of another up axis do than was ``assumed``.
 
     For z: it is above y = 0 around z = 0; for y: below y = 0.
     """
@@ -141,7 +141,7 @@ def check_garment_and_body(
 
 
 def beside(garment: Float[np.ndarray, "vertices 3"], body: Float[np.ndarray, "body_vertices 3"]) -> list[str]:
-    """What to say of a garment that is not above, below or around its body, and will fall past it (+z up)."""
+    """Remark on a garment that is not above, below or around its body, and will fall past it (+z up)."""
     distance = float(np.linalg.norm(_gap(garment, body)[:2]))
     if distance == 0.0:
         return []

@@ -40,7 +40,7 @@ class Scene:
     dt: float
     """Time between frames [s]."""
     frames: int
-    """How many to simulate, the initial state not counted."""
+    """Number of frames to simulate, the initial state not counted."""
     pins: Pins | None = None
     external_force: Float[np.ndarray, "vertices 3"] | None = None
     """Constant force on each vertex [N]."""
@@ -48,13 +48,13 @@ class Scene:
     friction: float | None = None
     """Coefficient between cloth and body; None: they slip freely."""
     enlarged: float = 1.0
-    """How many times its real size everything is; the distance that cloth keeps from bodies grows with it."""
+    """Scale over the real size of everything; the distance that cloth keeps from bodies grows with it."""
     reference: Float[np.ndarray, "recorded vertices 3"] | None = None
-    """Where another simulator had the cloth in frames 0 to ``frames``, to compare with [m]."""
+    """Positions of the cloth by another simulator in frames 0 to ``frames``, to compare with [m]."""
     said: tuple[str, ...] = ()
-    """What reading its files saw and changed, a line each."""
+    """Remarks of reading its files, a line each."""
     forms: tuple[FileForm | None, FileForm | None] = (None, None)
-    """How cloth and body stand in their files, to be written like that."""
+    """Forms of cloth and body in their files, to be written like that."""
 
     def __post_init__(self) -> None:
         where, count = f"scene {self.name}", self.mesh.num_vertices

@@ -22,7 +22,7 @@ def animate(
         scene: what is simulated.
         fabric: the energies of its cloth.
         contact: between cloth and body; None for the usual one.
-        iterations: the most evaluations of the potential for a time step.
+        iterations: the most evaluations of the incremental potential for a time step.
         steps: equal time steps in each frame.
 
     Raises:

@@ -30,7 +30,7 @@ class Baseline(ABC):
 
     @abstractmethod
     def positions(self, state: State, frame: int) -> Float[np.ndarray, "vertices 3"]:
-        """Where the vertices are at frame ``frame + 1`` of the scene, from the state at ``frame`` [m]."""
+        """Positions of the vertices at frame ``frame + 1`` of the scene, from the state at ``frame`` [m]."""
 
     def step(self, state: State, frame: int) -> StepResult:
         """The state at frame ``frame + 1`` from that at ``frame``; velocities are those of the step."""

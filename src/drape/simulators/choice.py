@@ -18,7 +18,7 @@ from drape.simulators.simulator import Simulator
 from drape.simulators.solver.implicit import ImplicitSolver
 
 BUDGET = {name: inspect.signature(ImplicitSolver).parameters[name].default for name in ("iterations", "steps")}
-"""What a solver may spend on a frame unless said otherwise: evaluations in a time step, time steps."""
+"""Usual budget of a solver for a frame: evaluations in a time step, time steps."""
 
 
 def chosen_budget(simulator: object) -> dict[str, int]:
@@ -28,7 +28,7 @@ def chosen_budget(simulator: object) -> dict[str, int]:
 
 
 def asks_for(make: object) -> set[str]:
-    """What the node ``simulator`` of a config, built, still asks for: ``scene``; a solver ``potential`` and
+    """Arguments that the node ``simulator`` of a config, built, still asks for: ``scene``; a solver ``potential`` and
     ``attributes``, a baseline the recorded ``sequence``.
 
     Raises:
@@ -46,7 +46,7 @@ def simulator_of(
     attributes: Float[Tensor, " attributes"],
     **settings: object,
 ) -> Simulator:
-    """What animates ``scene``: a solver that minimises ``potential``, or a network; ``settings`` replace values of
+    """The simulator of ``scene``: a solver that minimises ``potential``, or a network; ``settings`` replace values of
     the ``node``.
 
     Raises:

@@ -11,7 +11,7 @@ from drape.scene.state import State
 
 
 class Outcome(Enum):
-    """How a step ended; the value says what to do about it."""
+    """Outcome of a step; the value is the remedy."""
 
     CONVERGED = "converged"
     ITERATIONS = (
@@ -43,7 +43,7 @@ class StepResult:
     state: State
     outcome: Outcome
     iterations: int
-    """Evaluations of the potential with its gradient."""
+    """Evaluations of the incremental potential with its gradient."""
     residual: float
     """Mean norm of the gradient over the free vertices [N]: what the forces miss to balance."""
     energies: dict[str, float] = field(default_factory=dict)
@@ -62,5 +62,5 @@ class Simulator(Protocol):
 
 
 def barrier_of(simulator: Simulator) -> Barrier | None:
-    """What lets nothing cross in its frames; None where there is no such thing."""
+    """The barrier that lets nothing cross in its frames; None where there is no such thing."""
     return getattr(simulator, "barrier", None)

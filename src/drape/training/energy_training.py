@@ -76,7 +76,7 @@ class EnergyTraining(lightning.LightningModule):
 
     @staticmethod
     def supplied(data: TrajectoryDataModule) -> dict[str, object]:
-        """What the data give to the constructor: what metrics may ask for."""
+        """Arguments of the constructor from the data: those that metrics may ask for."""
         law = SpringHingeLaw.fit(data.windows_apart(LAW_WINDOWS, data.eval_batch_size, ()), len(data.file.fabrics))
         tension = {name: float(material["tension_stiffness"]) for name, material in data.file.materials.items()}
         return {"known": {"fabrics": data.file.fabrics, "tension": tension, "law": law}}
@@ -84,7 +84,7 @@ class EnergyTraining(lightning.LightningModule):
     def described(
         self, config: dict[str, Any], choices: Mapping[str, str], data: TrajectoryDataModule, seconds: float
     ) -> dict[str, Any]:
-        """What a checkpoint says of itself; its example is the first window of validation."""
+        """Self-description of a checkpoint; its example is the first window of validation."""
         return describe(config, self.energy, data.windows(data.validation_sequences, np.arange(1)).to(self.device))
 
     def on_train_batch_start(self, batch: Window, batch_idx: int) -> None:

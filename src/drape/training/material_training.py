@@ -60,7 +60,7 @@ class MaterialTraining(lightning.LightningModule):
     def described(
         self, config: dict[str, Any], choices: Mapping[str, str], data: MaterialDataModule, seconds: float
     ) -> dict[str, Any]:
-        """What a checkpoint says of itself."""
+        """Self-description of a checkpoint."""
         return {"format": FORMAT, "config": config, "versions": versions()}
 
     def finish(

@@ -31,7 +31,7 @@ from drape.training.schedule import Schedule
 
 UPDATES = ("step", "rollout")
 REACH = 0.1
-"""How deep inside the body a vertex of a first frame is looked for [m]."""
+"""Largest depth at which vertices of a first frame are looked for inside the body [m]."""
 KEPT = 2
 """Watched sequences whose frames are kept until the next validation, to be looked at."""
 
@@ -60,8 +60,8 @@ class SimulatorTraining(lightning.LightningModule):
         data: whose fabrics the garments are made of.
 
     Raises:
-        DrapeError: no loss, a potential of garments without energies, another word for ``updates``; while training, a
-            summand that is not finite (the summand, the step and the sample are named).
+        DrapeError: no loss, an incremental potential of garments without energies, another word for ``updates``; while
+            training, a summand that is not finite (the summand, the step and the sample are named).
     """
 
     RECORD = SimulatorRecord.FILE
@@ -103,7 +103,7 @@ class SimulatorTraining(lightning.LightningModule):
 
     @staticmethod
     def supplied(data: GarmentDataModule) -> dict[str, object]:
-        """What the data give to the constructor."""
+        """Arguments of the constructor from the data."""
         return {"data": data}
 
     @property
@@ -192,7 +192,7 @@ class SimulatorTraining(lightning.LightningModule):
     def described(
         self, config: dict[str, Any], choices: Mapping[str, str], data: GarmentDataModule, seconds: float
     ) -> dict[str, Any]:
-        """What a checkpoint says of itself; its example is a step of the first garment."""
+        """Self-description of a checkpoint; its example is a step of the first garment."""
         rollout = data.rollout(np.arange(1)).to(self.device)
         cloth = self.cloths.draw(rollout, self.materials, torch.Generator().manual_seed(0))
         v = (rollout.x[1] - rollout.x[0]) / rollout.dt
@@ -204,7 +204,7 @@ class SimulatorTraining(lightning.LightningModule):
     def finish(
         self, config: dict[str, Any], choices: Mapping[str, str], data: GarmentDataModule, seconds: float
     ) -> SimulatorRecord:
-        """What there is to say of the training so far."""
+        """Record of the training so far."""
         watched = {k: float(v) for k, v in self.trainer.callback_metrics.items() if k.startswith("val/")}
         return SimulatorRecord(
             training={

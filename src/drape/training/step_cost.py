@@ -19,9 +19,9 @@ WARM_UP = 3
 
 
 Energies = Tensor | tuple[Tensor, Tensor]
-"""Of potential units, or of dissipation units: potential and lost."""
+"""Of elastic units, or of dissipation units: energy and what is lost."""
 Call = tuple[Callable[[Tensor, Tensor], Energies], Tensor, Tensor]
-"""What a unit was asked: (function, inputs, attributes)."""
+"""Call of a unit: (function, inputs, attributes)."""
 
 
 class StepCost:
@@ -37,7 +37,7 @@ class StepCost:
         self.loss = loss
         self.windows = windows
         self.calls: list[Call] = []
-        """What the units were asked in the last step."""
+        """Calls of the units in the last step."""
         self.optimizer = torch.optim.Adam(energy.parameters(), lr=1e-6, fused=True)
 
     def measure(self, repeats: int) -> dict[str, float]:

@@ -35,7 +35,7 @@ class PosedBody(NamedTuple):
 
 
 class Bodies(ABC):
-    """Where bodies come from."""
+    """Source of bodies."""
 
     @abstractmethod
     def body(self, name: str, info: SequenceInfo, start: int, stop: int) -> PosedBody:

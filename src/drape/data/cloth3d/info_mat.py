@@ -26,7 +26,7 @@ class SequenceInfo:
     """Axis-angle of every joint relative to its parent [rad]."""
     shape: Float[np.ndarray, " shapes"]
     trans: Float[np.ndarray, "frames 3"]
-    """Where the root joint is [m]; z is up."""
+    """Position of the root joint [m]; z is up."""
     fabrics: Mapping[str, str]
     """Garment -> fabric, in CLOTH3D's words."""
     tightness: tuple[float, ...]

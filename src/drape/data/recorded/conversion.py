@@ -200,13 +200,13 @@ def _positive(value: object, where: str, *, zero: bool = False) -> float:
 
 
 def _stored(data: Mapping) -> dict:
-    """What a file keeps of its config: null as data sets have it that were made when there was no null."""
+    """Config as a file keeps it: null as data sets have it that were made when there was no null."""
     unsaid = {"path", *(key for key in ("object", "rest_object") if data[key] is None)}
     stored = {key: value for key, value in data.items() if key not in unsaid}
     return stored | {"scale": 1.0 if data["scale"] is None else data["scale"], "up_axis": data["up_axis"] or "z"}
 
 
 def _bytes(path: Path) -> int:
-    """What a file or a folder holds: another recording under the same name is another data set."""
+    """Bytes of a file or a folder: another recording under the same name is another data set."""
     files = path.rglob("*") if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files if file.is_file())

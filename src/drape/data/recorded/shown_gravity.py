@@ -14,7 +14,7 @@ from drape.errors import DrapeError
 OFF = 0.25
 """Difference between the gravity that is said to act and the one that the motion shows, as a share, at most."""
 ON_A_LINE = 1e-3
-"""How far pins may be off the line through them, as a share of the size of the cloth."""
+"""Largest distance of pins from the line through them, as a share of the size of the cloth."""
 VISIBLE = 1e-3
 """Singular values below this share of the largest are of a component of gravity that the motion does not show."""
 

@@ -29,23 +29,23 @@ class Recorded:
 
 
 def _bytes(text: str, _encoding: str = "latin1") -> bytes:
-    """How Python 3 writes bytes for Python 2."""
+    """Bytes as Python 3 writes them for Python 2."""
     return text.encode("latin1")
 
 
 class _ArrayType(Recorded):
-    """What a pickle hands to ``_reconstruct``; it must not be called by itself, with a buffer of raw bytes."""
+    """Type that a pickle hands to ``_reconstruct``; it must not be called by itself, with a buffer of raw bytes."""
 
 
 def _empty_array(kind: type, _shape: tuple = (0,), _dtype: object = b"b") -> np.ndarray:
-    """How numpy makes an array again: an empty one, whose shape, type and numbers follow."""
+    """An array as numpy makes it again: an empty one, whose shape, type and numbers follow."""
     if kind is not _ArrayType:
         raise UnpicklingError(f"asks for an array of {kind!r}")
     return np.zeros(1).__reduce__()[0](np.ndarray, (0,), b"b")
 
 
 def _new(kind: type, _base: type = object, _state: object = None) -> object:
-    """How old pickles make an object: an empty one, whose state follows."""
+    """An object as old pickles make it: an empty one, whose state follows."""
     if not (isinstance(kind, type) and issubclass(kind, Recorded)):
         raise UnpicklingError(f"asks for a bare object of {kind!r}")
     return kind()
@@ -58,7 +58,7 @@ CONSTRUCTORS = {
     "scalar": np.float64(0.0).__reduce__()[0],
     "_frombuffer": np.zeros(1).__reduce_ex__(5)[0],
 }
-"""What numpy calls to make an array again."""
+"""Constructors by which numpy makes an array again."""
 PLAIN = {
     ("collections", "OrderedDict"): OrderedDict,
     ("copyreg", "_reconstructor"): _new,
@@ -74,7 +74,7 @@ class PlainUnpickler(Unpickler):
     """Makes numbers, strings, containers and numpy arrays; records chumpy's and scipy's objects; refuses all else."""
 
     def find_class(self, module: str, name: str) -> object:
-        """What stands in for ``module.name``.
+        """Stand-in for ``module.name``.
 
         Raises:
             UnpicklingError: anything but numbers and arrays.

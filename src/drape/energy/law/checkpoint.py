@@ -34,7 +34,7 @@ def versions() -> dict[str, str]:
 
 
 def describe(config: dict[str, Any], energy: EUNet, window: Window) -> dict[str, Any]:
-    """What a checkpoint says of itself: config, versions, and the energy and forces of one window as an example."""
+    """Self-description of a checkpoint: config, versions, and the energy and forces of one window as an example."""
     step = StepEnergies(energy, window, training=False)
     return {
         "format": FORMAT,

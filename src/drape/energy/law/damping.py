@@ -19,9 +19,9 @@ class Damping(DissipationUnits):
     share each, so that all vertices have the same drag, as in Blender. Both are properties of a fabric: what belongs
     to the sampling of frames is in :class:`drape.energy.law.timing.Timing`.
 
-    What a step loses is not the potential of its force: a drag ``c v`` has the potential ``½ c v² dt`` but takes
-    ``c v² dt`` from the motion, and a simulation damps what its steps are too long for. So the two have coefficients of
-    their own.
+    The energy that a step loses is not that whose gradient is the force: a drag ``c v`` derives from ``½ c v² dt`` but
+    takes ``c v² dt`` from the motion, and a simulation damps what its steps are too long for. So the two have
+    coefficients of their own.
     """
 
     def __init__(self, width: int, stretch_scale: float, speed_scale: float, energy_scale: float):

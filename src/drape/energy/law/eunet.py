@@ -47,7 +47,7 @@ class EUNet(nn.Module):
         return "dissipation" in self.units
 
     def inputs(self, geometry: EdgeGeometry, previous: EdgeGeometry, dt: float) -> dict[str, Tensor]:
-        """What the units see of the step from ``previous`` to ``geometry``, by the name of the unit."""
+        """Inputs of the units for the step from ``previous`` to ``geometry``, by the name of the unit."""
         inputs = {"potential": self.potential.inputs(geometry)}
         if self.dissipates:
             inputs["dissipation"] = self.units["dissipation"].inputs(geometry, previous, dt)

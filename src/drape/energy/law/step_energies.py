@@ -36,14 +36,14 @@ class StepEnergies:
 
     @cached_property
     def _x(self) -> Float[Tensor, "frames vertices 3"]:
-        """Where forces act, t+1 last; t+1 alone, unless the energy knows at which frames they do."""
+        """Positions at which forces act, t+1 last; t+1 alone, unless the energy knows at which frames they do."""
         window = self.window
         frames = [window.x_next] if self.energy.timing is None else [window.x_prev, window.x, window.x_next]
         return torch.stack(frames).detach().requires_grad_()
 
     @cached_property
     def _inputs(self) -> dict[str, Tensor]:
-        """What the units see: potential ones at all frames, ``frames edges inputs``, dissipation ones at t+1."""
+        """Inputs of the units: elastic ones at all frames, ``frames edges inputs``, dissipation ones at t+1."""
         with torch.enable_grad():
             inputs = {"potential": self.energy.potential.inputs(EdgeGeometry(self._x, self.window.mesh))}
             if self.energy.dissipates:

@@ -26,7 +26,7 @@ class Timing(nn.Module):
     have the force at the start. So each feature of the deformation has two weights of its own for each fabric, learned.
 
     Args:
-        deformation: what the potential units see of an edge; its features have weights of their own.
+        deformation: what the elastic units see of an edge; its features have weights of their own.
         width: of the network.
     """
 

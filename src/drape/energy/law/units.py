@@ -12,7 +12,7 @@ from drape.geometry.edge_geometry import EdgeGeometry
 
 
 class PotentialUnits(nn.Module, ABC):
-    """φp: energy stored in the deformation of an edge; evaluated in two steps, geometry and network.
+    """Elastic energy φp, stored in the deformation of an edge; evaluated in two steps, geometry and network.
 
     ``inputs`` is all that depends on the positions; ``energies`` all that depends on the parameters. Forces for
     training are taken through the small inputs, which is several times cheaper than through the positions.
@@ -23,7 +23,7 @@ class PotentialUnits(nn.Module, ABC):
         self.deformation = deformation
 
     def inputs(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges inputs"]:
-        """What the units see of the deformation of the edges, float64."""
+        """Inputs of the units: deformation of the edges, float64."""
         return self.deformation(geometry)
 
     @abstractmethod
@@ -34,7 +34,7 @@ class PotentialUnits(nn.Module, ABC):
 
 
 class DissipationUnits(nn.Module, ABC):
-    """φd: the potential of the step whose gradient is the damping force, and the energy that the step loses."""
+    """φd: the energy of the step whose gradient is the damping force, and the energy that the step loses."""
 
     @abstractmethod
     def inputs(

@@ -146,7 +146,7 @@ class Contact(EnergyTerm):
         return lambda x: point_kernel.contact(x, *given)
 
     def _compiled(self, step: Step) -> tuple[point_kernel.Points, np.ndarray, float]:
-        """What the kernels need of a step."""
+        """Arrays of a step for the kernels."""
         touch = self.touch(step)
         return touch.compiled, step.once((self, "stiffness"), lambda: array(touch.stiffness)), self.thickness
 

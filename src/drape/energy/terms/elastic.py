@@ -46,7 +46,7 @@ class ElasticEnergy(EnergyTerm):
         return self._scale[1].at(q, edges)
 
     def _shared(self, edges: Tensor | slice, dtype: torch.dtype) -> Tensor | float:
-        """How much of the energy of ``edges`` counts, once they have been scaled."""
+        """Share of the energy of ``edges`` that counts, once they have been scaled."""
         return 1.0 if not self.transfer or self._scale[1].same else self._scale[1].share[edges].to(dtype)
 
     def _stored(self, q: Float[Tensor, "3 edges"], step: Step, edges: Tensor | slice = ALL) -> Tensor:

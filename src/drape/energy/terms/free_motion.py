@@ -1,4 +1,4 @@
-"""What moves every cloth: inertia, weight and a given force; no fabric and no body."""
+"""Energies of every cloth: inertia, weight and a given force; no fabric and no body."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class Friction(EnergyTerm):
 
     Args:
         coefficient: μ.
-        contact: the contact term of the same potential.
+        contact: the contact term of the same incremental potential.
         slip_speed: [m/s]
 
     Raises:
@@ -79,7 +79,7 @@ class Friction(EnergyTerm):
         return lambda x: point_kernel.friction(x, *given)
 
     def _compiled(self, step: Step) -> tuple[point_kernel.Points, np.ndarray, float]:
-        """What the kernels need of a step."""
+        """Arrays of a step for the kernels."""
         touch, force = self.contact.pressed(step)
         return touch.compiled, array(self.coefficient * force), self.slip_speed * step.dt
 

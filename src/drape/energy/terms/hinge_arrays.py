@@ -35,7 +35,7 @@ class Edges(NamedTuple):
     size: np.ndarray
     """S of each edge: see :class:`EdgeScale`."""
     share: np.ndarray
-    """How much of its energy counts; 0 of edges that only fill up a block."""
+    """Share of its energy that counts; 0 of edges that only fill up a block."""
     rest_square1: np.ndarray
     """Square of twice the area at rest of the one face [m⁴], and of the other."""
     rest_square2: np.ndarray

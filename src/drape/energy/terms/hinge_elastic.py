@@ -213,7 +213,7 @@ class Damping(EnergyTerm):
         return lambda x: damping_kernel.damping(x, *given)
 
     def _compiled(self, step: Step) -> tuple[np.ndarray | float, ...]:
-        """What the kernel needs of a step."""
+        """Arrays of a step for the kernel."""
         direction = array(step.once("directions", lambda: _directions(step)).T)
         edges = slice(None) if self.law.damper else slice(0)
         drag = array(self._drag(step)[:, 0] / step.dt)
@@ -239,7 +239,7 @@ class Damping(EnergyTerm):
 def _deformation(
     x: Tensor, edges: HingeEdges
 ) -> tuple[Float[Tensor, "2 edges"], Float[Tensor, " edges"], HingeShape]:
-    """What the law sees of each edge, the change of its angle, its shape."""
+    """Inputs of the law for each edge, the change of its angle, its shape."""
     shape = HingeShape(edges.corners.gather(x), edges.rest)
     seen, angle = shape.change(edges.rest.angle, edges.mesh.boundary)
     return torch.stack([shape.length - edges.rest.length.to(x), seen]), angle, shape

@@ -31,7 +31,7 @@ LENGTH, SQUARE1, SQUARE2, STRETCH, ANGLE, U, V, AT_Z, AT_Y, BY_Z, BY_Y, FOOT1, F
     BLOCK * k for k in range(24, 41)
 )
 K, K_U, K_V, K_UU, K_UV, K_VV, B, B_U, B_V, B_UU, B_UV, B_VV, SUMS = (BLOCK * k for k in range(13))
-"""Where the quantities of a block stand: of its geometry, and of its two splines with their derivatives."""
+"""Offsets of the quantities of a block: of its geometry, and of its two splines with their derivatives."""
 
 
 @inlined

@@ -21,7 +21,7 @@ from drape.geometry.normals import face_normals
 from drape.scene.scene import Scene
 
 STANDARD_GRAVITY = 9.81
-"""What presses layers together where a scene has no gravity [m/s²]."""
+"""Acceleration that presses layers together where a scene has no gravity [m/s²]."""
 LOAD = 100.0
 """Weights of a layer under which layers are half as far apart as where the barrier begins; one weight takes 5 % of it.
 Cloth that is stopped within a frame presses with v/(g dt), ten weights for 3 m/s, on the few points that meet first."""

@@ -77,7 +77,7 @@ def contact_blocks(x, points, stiffness, thickness):
 
 @inlined
 def _slip(x, points, p):
-    """How far a point has slid along the tangents."""
+    """Slip of a point along the tangents."""
     arm, tangents = _arm(x, points, p), points.tangents[p]
     u = arm[0] * tangents[0, 0] + arm[1] * tangents[0, 1] + arm[2] * tangents[0, 2] - points.along[p, 0]
     v = arm[0] * tangents[1, 0] + arm[1] * tangents[1, 1] + arm[2] * tangents[1, 2] - points.along[p, 1]

@@ -108,7 +108,7 @@ def _check_apart(cloth: tuple[str, str | None], body: tuple[str | None, str | No
 
 
 def _assumed(read: ReadMesh, up_axis: str | None) -> str | None:
-    """What was taken to be up as neither the file nor anybody says it."""
+    """Remark on the axis taken to be up as neither the file nor anybody says it."""
     return read.source.usual if up_axis is None and read.source.up is None else None
 
 

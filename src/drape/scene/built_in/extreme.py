@@ -98,7 +98,7 @@ def _squeezed(mesh: ClothMesh, ratio: float) -> ClothMesh:
 
 
 def _moved(rest: np.ndarray, name: str, value: float, size: float, seed: int) -> np.ndarray:
-    """Where a free case begins."""
+    """First positions of a free case."""
     x = rest.copy()
     if name == "stretch":
         x *= value

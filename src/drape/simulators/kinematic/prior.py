@@ -123,7 +123,7 @@ class RigidMotion:
             return cls((left * handed[:, None]) @ right, centre, centre_next)
 
     def shift(self, x: Float[Tensor, "points 3"], mesh_of: Int[Tensor, " points"]) -> Float[Tensor, "points 3"]:
-        """How far the motion of ``mesh_of`` takes points at ``x`` [m], in their precision."""
+        """Displacements by the motion of ``mesh_of`` of points at ``x`` [m], in their precision."""
         arm = x - self.centre[mesh_of]
         turned = (self.rotation[mesh_of] @ arm[..., None])[..., 0]
         return (turned - arm + (self.centre_next - self.centre)[mesh_of]).to(x.dtype)

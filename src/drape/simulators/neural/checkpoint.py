@@ -33,18 +33,18 @@ APART = ("mesh", "obstacle", "touching", "fabric")
 
 
 class Trained(NamedTuple):
-    """What a checkpoint holds."""
+    """Content of a checkpoint."""
 
     network: nn.Module
     cloths: Cloths
     training: dict[str, Any]
-    """How it came about: row, label, ablation, scale, seed, iterations, seconds, parameters, command."""
+    """Its description: row, label, ablation, scale, seed, iterations, seconds, parameters, command."""
 
 
 def describe_simulator(
     config: dict[str, Any], training: dict[str, Any], network: nn.Module, step: Step, material: Material
 ) -> dict:
-    """What a checkpoint says of itself; ``step``, of one garment of ``material``, becomes its example."""
+    """Self-description of a checkpoint; ``step``, of one garment of ``material``, becomes its example."""
     with torch.no_grad():
         predicted = network(step)
     tensors = {f.name: getattr(step, f.name) for f in fields(step) if f.name not in APART}

@@ -19,7 +19,7 @@ class Cloth(NamedTuple):
     """The cloth of a batch of garments."""
 
     attributes: Float[Tensor, "meshes attributes"]
-    """What the network is told of each garment's fabric."""
+    """Inputs of the network for each garment's fabric."""
     mass: Float[Tensor, " vertices"]
     """[kg]"""
     terms: Sequence[EnergyTerm]
@@ -29,7 +29,7 @@ class Cloth(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What a trained simulator makes of a fabric."""
+    """A fabric as a trained simulator knows it."""
 
     attributes: Float[Tensor, " attributes"]
     areal_density: float | None
@@ -38,14 +38,14 @@ class Known(NamedTuple):
 
 @runtime_checkable
 class Cloths(Protocol):
-    """Where the cloth of a training step comes from."""
+    """Source of the cloth of a training step."""
 
     def draw(self, rollout: GarmentRollout, materials: Mapping[str, Material], generator: torch.Generator) -> Cloth:
         """The cloth of the garments of ``rollout``; ``materials`` are the fabrics of the data, by name."""
         ...
 
     def of(self, material: Material) -> Known:
-        """What the network is told of a fabric when it animates."""
+        """Inputs of the network for a fabric when it animates."""
         ...
 
     def terms(self, material: Material) -> Sequence[EnergyTerm]:

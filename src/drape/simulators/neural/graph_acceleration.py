@@ -30,7 +30,7 @@ class GraphAcceleration(nn.Module):
 
     Args:
         net: makes a :class:`MeshGraphNet` from ``(size_node, sizes_edge, size_out)`` and ``answers``.
-        attributes: number of material attributes.
+        attributes: number of attributes of a fabric.
         coarse_levels: of HOOD's hierarchy, which the schedule of ``net`` must use; 0 for MGN.
         thickness: distance from the body at which contact begins [m].
         speed: typical speed of a vertex [m/s].

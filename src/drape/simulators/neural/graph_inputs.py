@@ -28,7 +28,7 @@ STRAIN = 0.02
 
 
 class Graph(NamedTuple):
-    """What a network is given."""
+    """Inputs of a graph network."""
 
     nodes: Float[Tensor, "nodes features"]
     """Those of the cloth first."""

@@ -29,7 +29,7 @@ class LayersAcceleration(nn.Module):
 
     Args:
         net: makes a :class:`LayersTransformer` from ``(patch_size_in, body_size_in)``.
-        attributes: number of material attributes.
+        attributes: number of attributes of a fabric.
         felt_reach: how near the body must be to be felt by a vertex [m].
         speed: typical speed of a vertex [m/s].
         acceleration: typical acceleration of a vertex [m/s²].

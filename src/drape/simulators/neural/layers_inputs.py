@@ -43,7 +43,7 @@ class LayersInputs:
     * A sender, the centre of a face of the body: position from the centre of the cloth, velocity over the step, axes.
 
     Args:
-        attributes: number of material attributes.
+        attributes: number of attributes of a fabric.
         patch_size: [m]
         patch_reach: how near other patches must be to be heard [m]; the unit of positions.
         world_neighbours: how many of them at most.
@@ -86,7 +86,7 @@ class LayersInputs:
     size_body = 15
 
     def of_vertices(self, step: Step, heading: Heading) -> Float[Tensor, "vertices size_cloth"]:
-        """What is known of a vertex without the body.
+        """Features of vertices without the body.
 
         Raises:
             DrapeError: a step with another number of material attributes.
@@ -106,7 +106,7 @@ class LayersInputs:
         return _joined(step, vectors.flatten(1), mass, pinned, step.attributes[mesh_of])
 
     def near_body(self, step: Step, heading: Heading) -> Float[Tensor, "vertices 15"]:
-        """What the vertices feel of the body; 0 far from it, and without obstacle, when nothing is searched."""
+        """Features of the body near vertices; 0 far from it, and without obstacle, when nothing is searched."""
         felt = step.x.new_zeros(step.mesh.num_vertices, 15)
         if step.obstacle is None:
             return felt
@@ -123,7 +123,7 @@ class LayersInputs:
     def of_patches(
         self, vertices: Float[Tensor, "vertices size_cloth"], patches: Patches, step: Step, heading: Heading
     ) -> Float[Tensor, "patches size_patch"]:
-        """What is known of a patch; ``vertices`` from :meth:`of_vertices`."""
+        """Features of patches; ``vertices`` from :meth:`of_vertices`."""
         mesh_of = patches.mesh_of_patch
         rest = step.mesh.rest_positions
         places = [patches.mean(_from_middle(p, step.mesh)) / self.patch_reach for p in (step.x, rest)]
@@ -162,7 +162,7 @@ class LayersInputs:
         return BodySenders(_joined(step, vectors.flatten(1)), vectors[:, 2:], torch.stack([receiver, sender]))
 
     def interactions(self, patches: Patches, body: BodySenders, step: Step) -> Interactions:
-        """Who hears whom: a patch itself and those beside it; others near in space; the body."""
+        """Edges of attention: a patch itself and those beside it; others near in space; the body."""
         count = patches.num_patches
         itself = torch.arange(count, device=step.x.device).expand(2, -1)
         beside = torch.cat([itself, patches.neighbours], 1)

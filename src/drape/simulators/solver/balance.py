@@ -7,7 +7,7 @@ import numpy as np
 from drape.scene.scene import Scene
 
 WITHOUT_GRAVITY = 9.81
-"""What masses are multiplied by where there is no gravity [m/s²]."""
+"""Factor of masses where there is no gravity [m/s²]."""
 BALANCED = 1e-3
 """Mean unbalanced force at which a step is done, in mean weights of a vertex, unless a tolerance is chosen."""
 HANGING = 0.2

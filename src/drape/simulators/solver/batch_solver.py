@@ -35,13 +35,13 @@ class BatchSolver:
 
     @torch.no_grad()
     def end(self, step: Step, evaluations: int) -> Float[Tensor, "vertices 3"]:
-        """Where ``step``, with its ``touching``, ends [m] after at most so many evaluations of the potential."""
+        """Positions at the end of ``step``, with its ``touching``, after at most so many evaluations [m]."""
         minimiser = self._minimiser(step)
         minimiser.begin()
         return minimiser.minimise([advance(self._start, step)], step, 0.0, evaluations)[0]
 
     def response(self, force: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, "vertices 3"]:
-        """How far a force [N] besides all others would move the cloth of ``step``, whose :meth:`end` was last asked
+        """Displacement of the cloth of ``step`` by a force [N] besides all others, whose :meth:`end` was last asked
         for, to first order [m]; differentiable in the force.
         """
         return _Response.apply(force, self._minimiser(step))

@@ -28,7 +28,7 @@ PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
 
 SHARES = ({"share": 0.9, "rounds": 16},)
-"""How closely cloth goes with the body where a step may start (:class:`KinematicPrior`)."""
+"""Settings of the starts in which cloth goes with the body (:class:`KinematicPrior`)."""
 RIGID = {"share": 1.0, "rounds": 0}
 """The same where nothing may cross: as if fixed to a body that turns."""
 CUTS = 20
@@ -38,7 +38,7 @@ LEAST_SHARE = 1e-3
 MOVES = 30
 """Of cloth that has to cross, at most, to untangle it."""
 ROUNDS = 3
-"""How often contact is looked for again at the end of a step that left vertices inside the body."""
+"""Searches for contact at the end of a step that left vertices inside the body."""
 
 
 class ImplicitSolver:
@@ -52,7 +52,7 @@ class ImplicitSolver:
     minimised on from there.
 
     Where it starts from: the present positions, or free motion, with a body where that carries the cloth
-    (:class:`KinematicPrior`), whichever has the lowest potential; so a step never ends above that of standing still.
+    (:class:`KinematicPrior`), whichever has the lowest energy; so a step never ends above that of standing still.
     Without a body or moving pins, which do work, the energy of the cloth does not grow, at any number of iterations:
     see :func:`without_gain`.
 
@@ -62,8 +62,8 @@ class ImplicitSolver:
         attributes: the scaled vector **a** of the fabric.
         tolerance: mean norm of the unbalanced force over the free vertices at which a step is done [N]; None for a
             thousandth of the mean weight (or of mass times 9.81 m/s² without gravity).
-        iterations: the most evaluations of the potential for a time step, the knob between speed and accuracy; where
-            cloth ends inside the body, up to ``ROUNDS`` times as many again.
+        iterations: the most evaluations of the incremental potential for a time step, the knob between speed and
+            accuracy; where cloth ends inside the body, up to ``ROUNDS`` times as many again.
         steps: equal time steps in each frame; body and pins move on straight lines between frames.
         precision: of the law of the fabric, float32 or float64. Positions, and what is seen of them, are always
             float64: in single precision the rounding of a stiff edge alone weighs more than its vertices.

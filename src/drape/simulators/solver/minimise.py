@@ -38,7 +38,7 @@ SUFFICIENT = 1e-4
 
 
 class _Place(NamedTuple):
-    """Positions and what the potential is there."""
+    """Positions, and the incremental potential there."""
 
     x: Float[Tensor, "vertices 3"]
     found: Evaluation
@@ -174,7 +174,7 @@ class Minimiser:
         return sparse.csr_array((matrix.data[kept.data], kept.indices, kept.indptr), kept.shape)
 
     def _free_share(self, x_from: Tensor, x_to: Tensor, step: Step) -> float:
-        """How much of the way a barrier leaves free, short of what it runs into."""
+        """Share of the way that a barrier leaves free, short of what it runs into."""
         barrier = self.potential.barrier
         share = 1.0 if barrier is None else barrier.free_share(x_from, x_to, step)
         return 1.0 if share == 1.0 else SHORT_OF * share
@@ -190,7 +190,7 @@ class Minimiser:
         return -direction
 
     def _remember(self, pairs: deque, here: _Place, there: _Place) -> None:
-        """How the gradient turned on a way, where it did so as that of something convex."""
+        """Keep the turn of the gradient on a way, where it is that of something convex."""
         change, turn = self._unknowns(there.x - here.x), there.gradient - here.gradient
         curvature = change @ turn
         if curvature > 1e-12 * np.linalg.norm(change) * np.linalg.norm(turn):
@@ -225,7 +225,7 @@ class Minimiser:
 
 
 def _ended(is_balanced: bool, is_stalled: bool, is_used_up: bool) -> Outcome | None:
-    """How a minimisation ends; None: not yet."""
+    """Outcome of a minimisation; None: not yet."""
     if is_balanced:
         return Outcome.CONVERGED
     if is_stalled:
@@ -234,7 +234,7 @@ def _ended(is_balanced: bool, is_stalled: bool, is_used_up: bool) -> Outcome | N
 
 
 def _shorter(gained: float, predicted: float) -> float:
-    """Where the parabola through a step that gained this much has its minimum, as a share of the step."""
+    """Minimum of the parabola through a step that gained this much, as a share of the step."""
     if not np.isfinite(gained):
         return SHRINK[0]
     best = -0.5 * predicted / (gained - predicted) if gained > predicted else SHRINK[1]

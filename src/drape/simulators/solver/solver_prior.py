@@ -25,7 +25,7 @@ class SolverPrior(nn.Module):
     Args:
         network: what predicts the rest, accelerations [m/s²] of free vertices.
         share, rounds, contact, friction: of :class:`BatchSolver`.
-        evaluations: of the potential, at most.
+        evaluations: of the incremental potential, at most.
     """
 
     def __init__(

@@ -18,7 +18,7 @@ class TermCost(NamedTuple):
 
     name: str
     reason: str
-    """Why the scene requires it."""
+    """Reason for which the scene requires it."""
     seconds: float
     """Of one energy with its gradient."""
     hessian_seconds: float
@@ -37,7 +37,7 @@ def term_costs(potential: IncrementalPotential, step: Step) -> list[TermCost]:
 
 
 def search_seconds(step: Step) -> float | None:
-    """What finding the nearest faces of a body costs, once a step; None without a body: nothing is searched."""
+    """Cost of finding the nearest faces of a body, once a step; None without a body: nothing is searched."""
     if step.obstacle is None:
         return None
     began = time.perf_counter()

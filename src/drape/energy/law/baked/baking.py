@@ -29,7 +29,7 @@ KEPT = 256
 
 @dataclass(frozen=True)
 class Resolution:
-    """What a table covers, and how finely; the dihedral angle is covered in full.
+    """Range and spacing of a table; the dihedral angle is covered in full.
 
     Args:
         stretch: least and largest Δl, in longest edges of the mesh learned on.

@@ -21,7 +21,7 @@ from drape.scene.material import ATTRIBUTES, Material
 FORMAT = "drape baked law"
 VERSION = 3
 NUMBERS = ("stretch_scale", "angle_scale", "face_area", "damper", "drag")
-"""What stands in the file as the arguments of :class:`BakedHinges` of the same names."""
+"""Numbers in the file: arguments of :class:`BakedHinges` of the same names."""
 SHAPES = {
     **dict.fromkeys(NUMBERS, ()),
     "table": (2, "nodes", "nodes"),
@@ -88,7 +88,7 @@ def read_baked(path: str | Path) -> BakedHinges:
 
 
 def _read(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
-    """What stands in a table of this program and version, unchanged."""
+    """Content of a table of this program and version, unchanged."""
     if not path.is_file():
         raise DrapeError(f"{path}: no such table; python src/bake.py fabric=... path={path} makes one")
     try:

@@ -84,7 +84,7 @@ class Certificate:
 
 
 class Samples(NamedTuple):
-    """What a network says, for a table to be compared with."""
+    """Values of a network, for a table to be compared with."""
 
     q: Float[Tensor, "samples 2"]
     """(Δl [m], Δθ [rad])"""

@@ -9,7 +9,7 @@ from scipy.ndimage import spline_filter1d
 from torch import Tensor, nn
 
 MARGIN = 3
-"""How often the outermost coefficients are repeated: beyond, the spline is constant, and C² on the way there."""
+"""Number of repetitions of the outermost coefficients: beyond, the spline is constant, and C² on the way there."""
 
 
 class SplinePlane(nn.Module):
