@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.energy.incremental_potential import terms_of
 from drape.energy.term import EnergyTerm
 from drape.energy.terms.contact import Contact
-from drape.energy.terms.free_motion import ExternalForce, Gravity, Inertia
-from drape.energy.terms.friction import Friction
 from drape.errors import DrapeError
 from drape.loss.prediction import Prediction, PredictionLoss
 
@@ -60,10 +59,8 @@ class Potential(PredictionLoss):
         first, begin, end = self.ramp
         risen = min(max((prediction.progress - begin) / max(end - begin, 1e-9), 0.0), 1.0)
         share = first + (1.0 - first) * risen
-        contact = self.contact.stiffened(share)
-        friction = [] if self.friction is None else [Friction(self.friction, contact)]
-        external = [] if prediction.step.external_force is None else [ExternalForce()]
-        return [Inertia(), Gravity(), *external, *prediction.terms, contact, *friction]
+        contact, pushed = self.contact.stiffened(share), prediction.step.external_force is not None
+        return terms_of(prediction.terms, contact, self.friction, gravity=True, external=pushed)
 
 
 def differentiable(
