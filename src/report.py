@@ -11,6 +11,7 @@ from drape import config as conf
 from drape.metrics.record import EvaluationRecord
 from drape.report.document import garment_document
 from drape.report.garment_rows import by_data, garment_rows
+from drape.report.garment_sizes import draw_sizes, size_tables
 from drape.report.garment_tables import garment_tables
 from drape.report.garment_trade import draw_garment_trade, write_garment_trade
 from drape.report.names import data_name
@@ -34,13 +35,14 @@ def main(config: DictConfig) -> None:
 
 
 def garments(evaluations: list[EvaluationRecord], console: Console, folder: Path) -> None:
-    for table in garment_tables(evaluations):
+    for table in (*garment_tables(evaluations), *size_tables(evaluations)):
         console.print(table.terminal(), "")
     (folder / "garments.md").write_text(garment_document(evaluations), encoding="utf-8")
     written = [folder / "garments.md"]
     for k, group in enumerate(by_data(evaluations)):
         path = folder / (f"garments_trade_{data_name(group[0])}.png" if k else "garments_trade.png")
         written += [draw_garment_trade(garment_rows(group), path), write_garment_trade(garment_rows(group), path)]
+    written.append(draw_sizes(evaluations, folder / "garments_sizes.png"))
     console.print(f"{len(evaluations)} evaluations:", *(str(path) for path in written if path), soft_wrap=True)
 
 

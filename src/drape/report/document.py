@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from drape.metrics.record import EvaluationRecord, RunRecord
+from drape.report.garment_sizes import size_tables
 from drape.report.garment_tables import garment_tables
 from drape.report.provenance import describe_setting, missing, provenance
 from drape.report.runs import Configuration, by_setting, configurations
@@ -41,6 +42,7 @@ def document(
 def garment_document(evaluations: Sequence[EvaluationRecord]) -> str:
     """Markdown of evaluations of garments side by side, with the commands that made them."""
     lines = ["# Garments, animated", "", *(table.markdown() for table in garment_tables(evaluations))]
+    lines += [table.markdown() for table in size_tables(evaluations)]
     lines += ["### Provenance", ""]
     lines += [f"* **{record.method['name']}**: `{record.provenance['command']}`" for record in evaluations]
     return "\n".join(lines) + "\n"

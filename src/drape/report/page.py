@@ -14,7 +14,8 @@ from drape.data.whole_file import whole_file
 from drape.metrics.record import EvaluationRecord
 from drape.report.clips import RECORDED, show
 from drape.report.garment_comparison import draw_garment_comparison
-from drape.report.garment_rows import GarmentRow, by_data, garment_rows
+from drape.report.garment_rows import by_data, garment_rows
+from drape.report.garment_sizes import draw_sizes, size_tables
 from drape.report.garment_tables import animation_tables, comparison_table
 from drape.report.garment_trade import draw_garment_trade
 from drape.report.names import data_name, fingerprint, slug
@@ -22,6 +23,7 @@ from drape.report.page_parts import Figure, GarmentSection, ScoreTable, heading,
 from drape.report.stage import MOST_ERROR, RIGHT, WRONG
 from drape.report.table import Table
 
+SIZES = "The same garments in several resolutions: families by colour, sizes by marker; grey: the best of each size."
 HERE = Path(__file__).parent
 ENERGY_MAP = "figures/energy_map.png"
 """Path of a training's map, below its folder."""
@@ -54,6 +56,8 @@ class Page:
         self.folder.mkdir(parents=True, exist_ok=True)
         text = _page(self.folder).render(
             garments=[self._garments(group, k) for k, group in enumerate(by_data(evaluations))],
+            sizes=[ScoreTable.of(table) for table in size_tables(evaluations)],
+            choice=[chart] if (chart := self._chart(draw_sizes, evaluations, "sizes", SIZES)) else [],
             laws=[ScoreTable.of(table) for table in laws],
             maps=self._maps(runs, maps),
             commands=[f"{each.method['name']}: {each.provenance.get('command', '')}" for each in evaluations],
@@ -86,7 +90,7 @@ class Page:
         )
 
     def _chart(
-        self, draw: Callable[..., Path | None], rows: Sequence[GarmentRow], name: str, caption: str
+        self, draw: Callable[..., Path | None], rows: Sequence[object], name: str, caption: str
     ) -> Figure | None:
         """A figure for light and for dark pages; None where there is nothing to draw."""
         places = [self.folder / "figures" / f"{name}-{theme}.svg" for theme in ("light", "dark")]

@@ -1,0 +1,202 @@
+"""Error against time per frame of the same garments in several resolutions: which way to animate them to take."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from drape.metrics.record import EvaluationRecord
+from drape.report.figure_theme import INK, save_figure, themed, written_out
+from drape.report.garment_rows import GarmentRow, by_data, garment_rows
+from drape.report.table import Table
+
+SEQUENCES = "sequences.csv"
+FAMILIES = {
+    "without dynamics": "#7d8793",
+    "networks": "#d9822b",
+    "solver": "#2f6fd0",
+    "solver, nothing crosses": "#3f9c5a",
+}
+"""Colours by family."""
+MARKERS = ("o", "s", "^", "D", "v")
+"""One for each size, the smallest first."""
+NEEDS = {
+    "real time": "30 frames per second",
+    "preview": "the fastest within 1.5 times the least error",
+    "final": "the least error",
+}
+REAL_TIME = 1e3 / 30
+"""Time per frame at 30 frames per second [ms]."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """Evaluations on one resolution of the garments."""
+
+    vertices: float
+    """Mean over the sequences."""
+    rows: Mapping[str, GarmentRow]
+    """By label, without the noise floor."""
+    floor: float | None
+    """Mean error of the noise floor [mm]."""
+
+
+def sizes(evaluations: Sequence[EvaluationRecord]) -> list[Size]:
+    """Evaluations of as many sequences on several data sets, the coarsest first; none where there is one data set.
+
+    Of several such lots that with the most data sets.
+    """
+    lots: dict[int, list[Size]] = {}
+    for group in by_data(evaluations):
+        vertices = [number for record in group for number, _ in _costs(record)]
+        if vertices:
+            rows = garment_rows(group)
+            floors = [spread.mean for row in rows if (spread := row.over_seeds("floor_mm")) is not None]
+            known = {row.label: row for row in rows if not row.is_twin and _point(row) is not None}
+            lot = lots.setdefault(len(group[0].data["sequences"]), [])
+            lot.append(Size(float(np.mean(vertices)), known, floors[0] if floors else None))
+    most = max(lots.values(), key=len, default=[])
+    return sorted(most, key=lambda size: size.vertices) if len(most) > 1 else []
+
+
+def family(row: GarmentRow) -> str:
+    """The name in :data:`FAMILIES`."""
+    if row.training:
+        return "networks"
+    if not row.is_solver:
+        return "without dynamics"
+    return "solver, nothing crosses" if "ipc" in str(row.records[0].method) else "solver"
+
+
+def exponent(label: str, found: Sequence[Size]) -> float | None:
+    """P of ``time ~ vertices^p``, by least squares over the sequences of all sizes; None for a row of one size."""
+    pairs = [pair for size in found if label in size.rows for pair in _costs(size.rows[label].records[0])]
+    if sum(label in size.rows for size in found) < 2:
+        return None
+    vertices, times = np.log(np.array(pairs)).T
+    return float(np.polyfit(vertices, times, 1)[0])
+
+
+def recommended(size: Size) -> dict[str, str]:
+    """Label of the row with the least error in real time, of the fastest within 1.5 times the least, of the least."""
+    points = {label: _point(row) for label, row in size.rows.items()}
+    least = min(points, key=lambda label: points[label][1])
+    near = [label for label in points if points[label][1] <= 1.5 * points[least][1]]
+    found = {"preview": min(near, key=lambda label: points[label][0]), "final": least}
+    quick = [label for label in points if points[label][0] <= REAL_TIME]
+    return ({"real time": min(quick, key=lambda label: points[label][1])} if quick else {}) | found
+
+
+def size_tables(evaluations: Sequence[EvaluationRecord]) -> list[Table]:
+    """Time per frame and error of each row in each size, the exponent of its time, and what to take for which need.
+
+    One table, or none where there are not several sizes.
+    """
+    found = sizes(evaluations)
+    if not found:
+        return []
+    labels = sorted({label for size in found for label in size.rows}, key=lambda label: _order(label, found))
+    rows = []
+    for label in labels:
+        cells = [_cell(size.rows.get(label)) for size in found]
+        power = exponent(label, found)
+        rows.append((label, *cells, "" if power is None else f"{power:.2f}"))
+    notes = []
+    for need, meaning in NEEDS.items():
+        taken = [f"{label} ({size.vertices:.0f} vertices)" for size in found if (label := recommended(size).get(need))]
+        notes.append(f"{need} ({meaning}): {'; '.join(taken) or 'nothing is as fast'}")
+    floors = [f"{size.floor:.2g} mm at {size.vertices:.0f} vertices" for size in found if size.floor is not None]
+    table = Table(
+        "Which way to animate a garment",
+        ("method", *(f"{size.vertices:.0f} vertices" for size in found), "time ~ vertices^p"),
+        tuple(rows),
+        "Time per frame [ms] / mean vertex error [mm]: the same garments in several resolutions, each compared with "
+        f"its own recording. Noise floors: {', '.join(floors)}.",
+        tuple(notes),
+    )
+    return [table]
+
+
+def draw_sizes(evaluations: Sequence[EvaluationRecord], path: Path, *, dark: bool = False) -> Path | None:
+    """Error [mm] against time per frame [ms]: families by colour, sizes by marker, the frontier of each size.
+
+    None where there are not several sizes.
+    """
+    found = sizes(evaluations)
+    if not found:
+        return None
+    with themed(dark=dark):
+        figure = Figure(figsize=(7.6, 6.2), layout="constrained")
+        axis = figure.subplots()
+        for marker, size in zip(MARKERS, found, strict=False):
+            _draw_size(axis, size, marker, INK[dark])
+        _name_rows(axis, found[-1])
+        axis.set(xscale="log", yscale="log", xlabel="time per frame [ms], one core", ylabel="mean vertex error [mm]")
+        axis.margins(0.1)
+        axis.grid(alpha=0.25, linewidth=0.5)
+        for ticks in (axis.xaxis, axis.yaxis):
+            written_out(ticks, (1, 3))
+        for marker, size in zip(MARKERS, found, strict=False):
+            axis.plot([], [], marker, color=INK[dark], label=f"{size.vertices:.0f} vertices", linestyle="none")
+        for name in dict.fromkeys(family(row) for size in found for row in size.rows.values()):
+            axis.plot([], [], color=FAMILIES[name], label=name, linewidth=2)
+        figure.legend(loc="outside lower center", ncols=4, fontsize=8)
+        return save_figure(figure, path)
+
+
+def _draw_size(axis: Axes, size: Size, marker: str, ink: str) -> None:
+    """The rows of a size; those of a solver joined in the order of their time, and the frontier."""
+    points = {label: _point(row) for label, row in size.rows.items()}
+    for name, colour in FAMILIES.items():
+        own = sorted(points[label] for label, row in size.rows.items() if family(row) == name)
+        if own:
+            joined = "-" if name.startswith("solver") else "none"
+            axis.plot(*zip(*own, strict=True), marker, color=colour, linestyle=joined, linewidth=1, markersize=6)
+    best, frontier = float("inf"), []
+    for time, error in sorted(points.values()):
+        if error < best:
+            frontier.append((time, error))
+            best = error
+    axis.step(*zip(*frontier, strict=True), where="post", color=ink, alpha=0.25, linewidth=3, zorder=0)
+
+
+def _name_rows(axis: Axes, size: Size) -> None:
+    """Each row, beside its point of this size."""
+    for label, row in size.rows.items():
+        colour = FAMILIES[family(row)]
+        axis.annotate(label, _point(row), (6, 3), textcoords="offset points", fontsize=7, color=colour)
+
+
+def _point(row: GarmentRow) -> tuple[float, float] | None:
+    """Time per frame [ms] and error [mm]."""
+    time, error = row.over_seeds("ms_per_frame"), row.over_seeds("error_mm")
+    return None if time is None or error is None else (time.mean, error.mean)
+
+
+def _order(label: str, found: Sequence[Size]) -> tuple[int, float]:
+    """By family, then by time in the coarsest size that has the row."""
+    row = next(size.rows[label] for size in found if label in size.rows)
+    return list(FAMILIES).index(family(row)), _point(row)[0]
+
+
+def _cell(row: GarmentRow | None) -> str:
+    if row is None:
+        return ""
+    time, error = _point(row)
+    return f"{time:.3g} / {error:.3g}"
+
+
+def _costs(record: EvaluationRecord) -> list[tuple[float, float]]:
+    """Vertices and time per frame [ms] of each sequence; none where the evaluation has left no list."""
+    path = record.folder / SEQUENCES
+    if not path.is_file():
+        return []
+    with path.open(newline="", encoding="utf-8") as lines:
+        rows = list(csv.DictReader(lines))
+    return [(float(row["vertices"]), float(row["ms_per_frame"])) for row in rows if row.get("ms_per_frame")]

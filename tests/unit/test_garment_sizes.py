@@ -1,0 +1,78 @@
+"""The trade of the same garments in several resolutions: exponents, frontier, what is recommended."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from drape.metrics.record import EvaluationRecord
+from drape.report.garment_sizes import draw_sizes, exponent, family, recommended, size_tables, sizes
+
+SOLVER = {"simulator": {"_target_": "drape.simulators.solver.implicit.ImplicitSolver"}, "energy": {"_target_": "x"}}
+ROWS = {
+    "skinned": ({"simulator": {"_target_": "drape.simulators.baselines.Skinned"}}, 0.01, 0.5, 40.0),
+    "quick": (SOLVER, 0.02, 1.0, 12.0),
+    "slow": (SOLVER, 0.1, 1.5, 9.0),
+    "ipc": (SOLVER | {"contact": {"_target_": "drape.energy.terms.ipc.IpcContact"}}, 1.0, 1.0, 8.5),
+    "net": ({"simulator": {"_target_": "x"}, "training": {"row": "net", "scale": "cpu", "seed": 0}}, 0.015, 1.0, 30.0),
+}
+"""By name: method, time [ms] and exponent of ``time · vertices^exponent / 10``, error [mm]."""
+
+
+def evaluations(folder: Path, *, names: tuple[str, ...] = tuple(ROWS), vertices=(500, 2000)) -> list[EvaluationRecord]:
+    found = []
+    for size in vertices:
+        for name in names:
+            method, time, power, error = ROWS[name]
+            path = folder / str(size) / name
+            path.mkdir(parents=True)
+            costs = [(number, time * number**power) for number in (0.8 * size, 1.2 * size)]
+            with (path / "sequences.csv").open("w", newline="") as file:
+                csv.writer(file).writerows([("vertices", "ms_per_frame"), *costs])
+            metrics = {"error_mm/overall": error, "ms_per_frame/overall": sum(cost for _, cost in costs) / 2}
+            metrics |= {"floor_mm/overall": 3.0, "sequences/overall": 2}
+            data = {"path": f"{size}.h5", "source": "x", "split": "test", "sequences": ["0", "1"], "frames": [3, 3]}
+            found.append(EvaluationRecord({"name": name} | method, data, metrics, {"command": ""}, path))
+    return found
+
+
+def test_exponents_of_time_are_those_that_were_put_in(tmp_path):
+    found = sizes(evaluations(tmp_path, vertices=(8000, 500, 2000)))
+    assert [size.vertices for size in found] == [500, 2000, 8000]
+    labels = {str(row.records[0].method["name"]): label for label, row in found[0].rows.items()}
+    for name, (_, _, power, _) in ROWS.items():
+        assert exponent(labels[name], found) == pytest.approx(power)
+
+
+def test_one_data_set_or_lists_of_other_lengths_are_no_sizes(tmp_path):
+    assert sizes(evaluations(tmp_path, vertices=(500,))) == []
+    alone = evaluations(tmp_path / "more", vertices=(500,))
+    assert (draw_sizes(alone, tmp_path / "none.png"), size_tables(alone)) == (None, [])
+
+
+def test_needs_are_met_by_error_within_the_time_and_time_within_the_error(tmp_path):
+    """500 vertices: skinned 0.2 ms, net 7.5, quick 10, ipc 500, slow 1100; errors 40, 30, 12, 8.5, 9 mm."""
+    coarse, fine = sizes(evaluations(tmp_path))
+    assert {need: coarse.rows[label].records[0].method["name"] for need, label in recommended(coarse).items()} == {
+        "real time": "quick",
+        "preview": "quick",
+        "final": "ipc",
+    }
+    assert fine.rows[recommended(fine)["real time"]].records[0].method["name"] == "net"
+
+
+def test_the_table_has_both_numbers_of_each_size_and_the_exponent(tmp_path):
+    given = evaluations(tmp_path, names=("skinned", "slow"))
+    (table,), found = size_tables(given), sizes(given)
+    assert table.columns == ("method", "500 vertices", "2000 vertices", "time ~ vertices^p")
+    assert [family(found[0].rows[row[0]]) for row in table.rows] == ["without dynamics", "solver"]
+    assert table.rows[1][3] == "1.50"
+    assert table.rows[1][1].endswith(" / 9")
+    assert any("real time" in note and "skinned" in note for note in table.footnotes)
+
+
+def test_the_figure_is_drawn(tmp_path):
+    path = draw_sizes(evaluations(tmp_path), tmp_path / "sizes.png")
+    assert path.stat().st_size > 20_000
