@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+from collections.abc import Iterator
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # of torch, here and in commands: more wait for each other in small tests
 
@@ -13,6 +15,19 @@ import torch
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh import ClothMesh
 from drape.geometry.mesh_batch import MeshBatch
+from tests.composing import kept_configs
+
+
+def pytest_collection_finish() -> None:
+    """What is there by now stays: not to be gone through again and again while thousands of tests are run."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _configs() -> Iterator[None]:
+    with kept_configs():
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -12,9 +12,7 @@ import functools
 import shlex
 from collections.abc import Iterator
 from typing import NamedTuple
-from unittest import mock
 
-import yaml
 from hydra import compose, initialize_config_dir
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.global_hydra import GlobalHydra
@@ -23,6 +21,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict
 from tests.attack.mistyped import mistyped
+from tests.composing import kept_configs
 
 from drape.blender.garment_plan import check_garments
 from drape.blender.plan import check_data
@@ -154,12 +153,8 @@ def overrides() -> Iterator[str]:
 def attack(lines: list[str]) -> Score:
     """Compose and check each command line, up to where building would begin."""
     GlobalHydra.instance().clear()
-    score, parse = Score([], [], []), functools.cache(yaml.load)
-
-    def load(stream: object, Loader: type) -> object:  # half of the time is the parsing of the same files
-        return copy.deepcopy(parse(stream if isinstance(stream, str) else stream.read(), Loader))
-
-    with mock.patch("yaml.load", load), initialize_config_dir(str(CONF), version_base=None):
+    score = Score([], [], [])
+    with kept_configs(), initialize_config_dir(str(CONF), version_base=None):
         for line in lines:
             try:
                 checked(line)
