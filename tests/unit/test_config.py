@@ -157,7 +157,7 @@ class TestCheck:
         ("target", "told"),
         [
             (f"{HERE}.Nett", "has no 'Nett'; did you mean 'Net'?"),
-            ("drape.energy.unet.EUNet", "drape.energy has no 'unet'; did you mean 'eunet'?"),
+            ("drape.energy.law.unet.EUNet", "drape.energy.law has no 'unet'; did you mean 'eunet'?"),
             ("drap.energy.EUNet", "there is no package 'drap'"),
             (3, "found 3; expected the dotted name"),
         ],
