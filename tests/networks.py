@@ -6,8 +6,7 @@ from functools import partial
 
 import torch
 
-from drape.nets.mesh_graph_net import MeshGraphNet
-from drape.nets.message_schedule import flat_schedule, hood_schedule
+from drape.nets.mesh_graph_net import MeshGraphNet, flat_schedule, hood_schedule
 from drape.simulators.neural.graph_acceleration import GraphAcceleration
 
 SCHEDULES = {"mgn": (flat_schedule(3), 0), "mgn_h": (hood_schedule(1), 2)}

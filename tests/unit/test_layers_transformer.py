@@ -7,8 +7,14 @@ import torch
 from torch import nn
 
 from drape.errors import DrapeError
-from drape.nets.interaction import CLOSEST, BodyFrameMessages, InteractionLayer, Interactions, Streams
-from drape.nets.layers_transformer import LayersTransformer
+from drape.nets.layers_transformer import (
+    CLOSEST,
+    BodyFrameMessages,
+    InteractionLayer,
+    Interactions,
+    LayersTransformer,
+    Streams,
+)
 from drape.nets.patch_decoder import PatchDecoder
 from drape.nets.segments import segment_softmax
 

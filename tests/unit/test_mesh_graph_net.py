@@ -7,8 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from drape.errors import DrapeError
-from drape.nets.mesh_graph_net import EdgeSet, MeshGraphNet
-from drape.nets.message_schedule import flat_schedule, hood_schedule
+from drape.nets.mesh_graph_net import EdgeSet, MeshGraphNet, flat_schedule, hood_schedule
 
 SIZES = {"mesh": 5, "body": 4}
 

@@ -12,7 +12,10 @@ from torch import nn
 from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.hdf5 import GarmentFile
 from drape.data.recorded_scene import recorded_scene
+from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.step import Step
+from drape.energy.terms.bending import Bending
+from drape.energy.terms.free_motion import Gravity, Inertia
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import ATTRIBUTES
@@ -29,6 +32,7 @@ from drape.simulators.neural.rollout_step import rollout_step
 from drape.simulators.solver.balance import mean_weight
 from drape.simulators.solver.energy_limit import without_gain
 from tests import garments
+from tests.terms import make_step
 
 CLOTHS = RecordedCloths(dict.fromkeys(ATTRIBUTES, 1.0))
 
@@ -234,6 +238,13 @@ def test_the_weight_is_the_mean_of_free_vertices(skirt):
     mass[garments.TOP] = 100.0
     assert mean_weight(replace(skirt, mass=mass)) == pytest.approx(0.02 * 9.81)
     assert mean_weight(replace(skirt, mass=mass, gravity=np.zeros(3))) == pytest.approx(0.02 * 9.81)
+
+
+def test_prices_of_motions_are_not_stored():
+    step, x_next = make_step(square_grid(0.5, 4))
+    found = IncrementalPotential([Inertia(), Gravity(), Bending(1e-3)]).evaluate(x_next, step)
+    assert found.terms["inertia"] > 0.0
+    assert found.stored == pytest.approx(found.terms["gravity"] + found.terms["bending"])
 
 
 def test_what_is_gained_is_taken_from_the_motion_about_the_centre():

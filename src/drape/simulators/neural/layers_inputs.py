@@ -15,7 +15,7 @@ from drape.geometry.edge_geometry import TINY, safe_norm
 from drape.geometry.mesh_batch import MeshBatch
 from drape.geometry.nearest_points import NearestPoints
 from drape.geometry.patches import Patches
-from drape.nets.interaction import Interactions
+from drape.nets.layers_transformer import Interactions
 from drape.simulators.neural.heading import Heading
 
 
