@@ -20,7 +20,7 @@ bounded. Features are of the order of 1 for each number."""
 
 
 class Interactions(NamedTuple):
-    """Who hears whom: (receiver, sender) of each edge; receivers are patches."""
+    """Edges of attention: (receiver, sender) of each; receivers are patches."""
 
     mesh: Int[Tensor, "2 mesh_edges"]
     """From patches beside the receiver on the cloth."""
@@ -31,7 +31,7 @@ class Interactions(NamedTuple):
 
 
 class Streams(NamedTuple):
-    """What a layer hands to the next one."""
+    """Features that a layer hands to the next one."""
 
     patches: Float[Tensor, "patches width"]
     """The patches' embeddings x."""
