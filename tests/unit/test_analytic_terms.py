@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.phys_material import THICKNESS, PhysMaterial
 from drape.energy.terms.bending import Bending
 from drape.energy.terms.free_motion import ExternalForce, Gravity, Inertia
@@ -213,3 +214,10 @@ def test_numbers_for_other_meshes_than_those_of_the_batch_are_refused(small_clot
 def test_one_mesh_without_a_rest_state_is_enough_to_be_refused(make):
     with pytest.raises(DrapeError, match="expected"):
         make(torch.tensor([1.0, 0.0]))
+
+
+def test_prices_of_motions_are_not_stored():
+    step, x = make_step(square_grid(0.5, 4))
+    found = IncrementalPotential([Inertia(), Gravity(), Bending(1e-3)]).evaluate(x, step)
+    assert found.terms["inertia"] > 0.0
+    assert found.stored == pytest.approx(found.terms["gravity"] + found.terms["bending"])
