@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from drape.errors import DrapeError
 from drape.metrics.fabric_metric import OVERALL
@@ -19,15 +20,15 @@ MAPPINGS = ("method", "data", "metrics", "provenance")
 class EvaluationRecord:
     """Scores of one way to animate garments, and how they came about."""
 
-    method: Mapping[str, object]
+    method: Mapping[str, Any]
     """``name`` (of the row of a table), and the settings ``simulator`` and, unless it is a baseline, ``energy``."""
-    data: Mapping[str, object]
+    data: Mapping[str, Any]
     """What two evaluations must share to be compared: ``path``, ``source``, ``split``, ``sequences`` (their names),
     ``frames`` (simulated of each)."""
     metrics: Mapping[str, float]
     """``score_unit/kind`` and ``score_unit/overall``, with ``_std`` over sequences; ``sequences/kind``: how many;
     ``error_in_floors/kind`` where the data have a noise floor."""
-    provenance: Mapping[str, object]
+    provenance: Mapping[str, Any]
     """``command``, ``seconds``, ``versions``, and whatever else helps."""
     folder: Path = field(default=Path(), compare=False)
     """Where it was read from; not stored."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from torchmetrics import MetricCollection
+from torchmetrics import Metric, MetricCollection
 
 from drape.energy.spring_hinge import SpringHingeLaw
 from drape.metrics.contrastive import ContrastiveViolations, VertexInequalities
@@ -27,7 +27,7 @@ def energy_metrics(
     contrastive loss whose inequalities are counted, ``stretch_stiffness`` Blender's tension stiffness of each fabric,
     ``spring_hinge`` the fitted law; what is not given is not measured.
     """
-    metrics = {
+    metrics: dict[str, Metric | MetricCollection] = {
         "energy_error": EnergyError(fabrics),
         "force_residual": ForceResidual(fabrics),
         "inertial_force": InertialForce(fabrics),

@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from drape.errors import DrapeError
 
@@ -30,7 +31,7 @@ class RunRecord:
     """What two runs must share to be compared: ``data``, ``material``, ``scale``, ``width``, ``steps`` (those done)."""
     metrics: Mapping[str, float]
     """On the test split: ``quantity_unit/fabric`` and ``quantity_unit/overall``."""
-    provenance: Mapping[str, object]
+    provenance: Mapping[str, Any]
     """``command`` ("python src/train.py" and Hydra's task overrides), ``data`` (path), ``train_sequences``,
     ``test_sequences``, ``seconds`` (of training), ``parameters``, ``versions`` (by package) and whatever else helps."""
     folder: Path = field(default=Path(), compare=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from drape.metrics.record import write_json
 
@@ -17,7 +18,7 @@ VERSION = 1
 class SimulatorRecord:
     """How a simulator came about, and how its last validation went."""
 
-    training: Mapping[str, object]
+    training: Mapping[str, Any]
     """``row`` (option of the group ``model``), ``ablation``, ``scale``, ``seed``, ``iterations``, ``seconds``,
     ``parameters``, ``command``, ..."""
     watched: Mapping[str, float]

@@ -67,8 +67,8 @@ def _vertex_normals(surface: Surface) -> np.ndarray:
     """Normals of the vertices, weighted by the areas of their faces; not of unit length."""
     corners = surface.positions[surface.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = [np.bincount(surface.faces.ravel(), np.repeat(normals[:, k], 3), len(surface.positions)) for k in range(3)]
-    total = np.stack(total, axis=1)
+    sums = [np.bincount(surface.faces.ravel(), np.repeat(normals[:, k], 3), len(surface.positions)) for k in range(3)]
+    total = np.stack(sums, axis=1)
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-30)
 
 

@@ -19,10 +19,13 @@ def resample(
     A single recorded frame stands still and stays one.
 
     Raises:
-        DrapeError: the recording ends before time ``frames * dt``. ``where`` opens the sentence.
+        DrapeError: the recording ends before time ``frames * dt``, or does not say its ``fps``. ``where`` opens the
+            sentence.
     """
     if len(positions) == 1:
         return positions
+    if fps is None:
+        raise DrapeError(f"{where}: found {len(positions)} frames that do not say how many there are in a second")
     last = len(positions) - 1
     times = np.arange(frames + 1) * dt * fps  # in recorded frames
     if times[-1] > last + ROUNDING:
