@@ -13,12 +13,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from inspect import unwrap
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.polynomial import Chebyshev, Polynomial
 
-SETTINGS = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "arcp", "nsz"}, "no_cfunc_wrapper": True}
+SETTINGS: dict[str, Any] = {
+    "error_model": "numpy", "fastmath": {"reassoc", "contract", "arcp", "nsz"}, "no_cfunc_wrapper": True
+}  # fmt: skip
 """Sums in any order; but what is not a number stays so: a solver has to see it."""
 
 
@@ -28,7 +31,8 @@ def inlined(function: Callable) -> Callable:
     What was left as a call would be linked to other machine code in the process that compiles than in those that read
     the compiled form: other last bits, and an animation that was interrupted in its first run would go on differently.
     """
-    return njit(**SETTINGS, no_cpython_wrapper=True, forceinline=True)(unwrap(function))
+    settings = SETTINGS | {"no_cpython_wrapper": True, "forceinline": True}
+    return njit(**settings)(unwrap(function))
 
 
 def compiled(function: Callable) -> Callable:

@@ -26,7 +26,7 @@ class Composed:
 
     def __init__(self, config: DictConfig):
         self.config = config
-        self._fabrics: dict[tuple[str, str], Fabric] = {}
+        self._fabrics: dict[tuple[str, str | None], Fabric] = {}
 
     def check(self, energies: Iterable[str]) -> None:
         """Refuse an energy that the config does not name.

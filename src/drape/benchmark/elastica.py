@@ -14,6 +14,15 @@ LONGEST = 50.0
 """In bending lengths."""
 
 
+class _Level:
+    """Where a strip is level: there the integration ends."""
+
+    terminal = True
+
+    def __call__(self, _: float, y: np.ndarray) -> float:
+        return y[0]
+
+
 def strip(tip: float) -> tuple[float, float]:
     """Overhang in bending lengths, ``L / (B/w)^(1/3)``, and chord angle of a strip whose tip is that steep [radians].
 
@@ -21,10 +30,8 @@ def strip(tip: float) -> tuple[float, float]:
     bending lengths; B is its bending stiffness, w its weight per length. Where φ = 0 it is clamped. The chord leads
     from there to the tip (Peirce 1930, J. Textile Inst. 21, T377).
     """
-    level = lambda _, y: y[0]  # noqa: E731 (it gets an attribute)
-    level.terminal = True
     slopes = lambda sigma, y: [y[1], -sigma * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])]  # noqa: E731
-    found = solve_ivp(slopes, (0.0, LONGEST), [tip, 0.0, 0.0, 0.0], events=level, rtol=1e-9, atol=1e-12)
+    found = solve_ivp(slopes, (0.0, LONGEST), [tip, 0.0, 0.0, 0.0], events=_Level(), rtol=1e-9, atol=1e-12)
     return float(found.t[-1]), float(np.arctan2(found.y[3, -1], found.y[2, -1]))
 
 

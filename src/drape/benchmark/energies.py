@@ -91,7 +91,7 @@ def deformed(scene: Scene, attributes: Tensor) -> tuple[Step, Tensor]:
 
 def medians(calls: dict[tuple, Callable[[], object]], repeats: int) -> dict[tuple, float]:
     """Median time of each call [s]; in each round all have their turn, so that all see the same machine."""
-    times = {key: [] for key in calls}
+    times: dict[tuple, list[float]] = {key: [] for key in calls}
     for _ in range(WARM_UP + repeats):
         for key, call in calls.items():
             began = time.perf_counter()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from omegaconf import DictConfig
@@ -70,7 +71,8 @@ class Friction:
     def measure(self, config: DictConfig) -> Measured:
         """Of the fabric of ``config``, without air drag in Blender, as our solver has none."""
         circumstances, composed = Circumstances(), Composed(config)
-        sheet = SheetOnPlate(conf.instantiate(config.fabric), **self.sheet)
+        given: dict[str, Any] = dict(self.sheet)
+        sheet = SheetOnPlate(conf.instantiate(config.fabric), **given)
         blender = ClothOnBody(self._settings(config), self.blender)
         simulators: dict[str, Simulate] = {BLENDER: blender}
         simulators |= {name: self._solver(composed, name) for name in config.energies}

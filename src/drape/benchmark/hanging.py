@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from drape import config as conf
 from drape.benchmark.composed import Composed
-from drape.benchmark.measured import Circumstances, Measured
+from drape.benchmark.measured import Circumstances, Measured, Row
 from drape.blender.presets import fabric_settings
 from drape.blender.timed_cloth import TimedCloth
 from drape.errors import DrapeError
@@ -48,7 +48,8 @@ class Hanging:
         for name in config.energies:  # what is compiled when it is first used is compiled before anything is timed
             composed.simulator(scene, name, iterations=3).step(scene.initial, 0)
         ours = {name: _Ours(composed.simulator(scene, name, tolerance=tolerance), scene) for name in config.energies}
-        blender, seconds = TimedCloth(scene, settings), {name: [] for name in (BLENDER, *ours)}
+        seconds: dict[str, list[float]] = {name: [] for name in (BLENDER, *ours)}
+        blender = TimedCloth(scene, settings)
         try:
             for frame in tqdm(range(scene.frames), desc="hanging", unit=" frames", file=sys.stderr):
                 x, spent = blender.step()
@@ -57,8 +58,8 @@ class Hanging:
                     seconds[name].append(simulated.step(frame))
         finally:
             blender.close()
-        row = {"simulator": BLENDER, **_times(seconds, BLENDER), "evaluations": "", "residual_percent": ""}
-        rows = [{**row, "converged_percent": "", "mean_height_m": float(x[:, 2].mean())}]
+        row: Row = {"simulator": BLENDER, **_times(seconds, BLENDER), "evaluations": "", "residual_percent": ""}
+        rows: list[Row] = [{**row, "converged_percent": "", "mean_height_m": float(x[:, 2].mean())}]
         rows += [{"simulator": n, **_times(seconds, n), **each.report(weight)} for n, each in ours.items()]
         title = (
             f"{scene.name}: {scene.mesh.num_vertices} vertices of {scene.material.name}, {scene.mass.sum():.4g} kg, "
@@ -71,7 +72,7 @@ def _settings(config: DictConfig, mass: float) -> dict[str, float | int | str]:
     """Blender's settings of the fabric. Its drag is that of a vertex, whatever the mesh: here as before per mass."""
     preset = config.material[config.fabric.name]
     settings = fabric_settings(config.fabric.name, preset.preset, preset.get("overrides") or {})
-    return settings | {"air_damping": settings["air_damping"] * mass / settings["mass"]}
+    return settings | {"air_damping": float(settings["air_damping"]) * mass / float(settings["mass"])}
 
 
 class _Ours:

@@ -111,7 +111,7 @@ class HeldOut:
             self._animate(composed, scene, fabric, variant)
 
     def _animate(self, composed: Composed, recorded: Scene, fabric: str, variant: Variant) -> Animated:
-        scene = recorded if variant.resolution == RECORDED else resampled(recorded, variant.resolution)
+        scene = recorded if variant.resolution == RECORDED else resampled(recorded, int(variant.resolution))
         settings = {name: getattr(variant, name) for name in ("precision", "iterations", "steps")}
         simulator = composed.simulator(scene, variant.energy, fabric, **settings)
         return animate(simulator, scene, recorded.reference)
@@ -131,8 +131,14 @@ def combinations(name: str, values: Mapping[str, Sequence]) -> list[Variant]:
     return [Variant(*each) for each in itertools.product(*(values[name] for name in Variant._fields))]
 
 
-def animate(simulator: Simulator, scene: Scene, reference: np.ndarray) -> Animated:
-    """Animate ``scene`` and compare with ``reference``, frames of a square that may have another resolution."""
+def animate(simulator: Simulator, scene: Scene, reference: np.ndarray | None) -> Animated:
+    """Animate ``scene`` and compare with ``reference``, frames of a square that may have another resolution.
+
+    Raises:
+        DrapeError: there is nothing to compare with.
+    """
+    if reference is None:
+        raise DrapeError(f"scene {scene.name}: found no recorded frames; expected some to compare with")
     vertices, recorded = (round(count**0.5) for count in (scene.mesh.num_vertices, reference.shape[1]))
     shown = SquareResampling(vertices, recorded) if vertices != recorded else None
     weight = float(np.linalg.norm(scene.gravity) * scene.mass.mean())

@@ -101,7 +101,7 @@ def prolonged(scene: Scene, frames: int, stand: int) -> Scene:
     """The scene with its body and its pinned vertices :func:`there_and_back`."""
     shown = there_and_back(frames, scene.frames + 1, stand)
     pins = None if scene.pins is None else Pins(scene.pins.vertices, scene.pins.targets[shown])
-    body = Obstacle(scene.obstacle.faces, scene.obstacle.positions[shown])
+    body = None if scene.obstacle is None else Obstacle(scene.obstacle.faces, scene.obstacle.positions[shown])
     return replace(scene, frames=frames, pins=pins, obstacle=body, reference=None)
 
 
@@ -135,8 +135,8 @@ def _rollout(trained: Trained, scene: Scene, stand: int, law: Fabric) -> Row:
         states.append(result.state)
     seconds = time.perf_counter() - began
     x = np.stack([state.x for state in states])
-    penetration = Penetration(scene.mesh, scene.obstacle)
-    inside = [penetration.inside(x[k], k) for k in range(EVERY, len(x), EVERY)]
+    penetration = None if scene.obstacle is None else Penetration(scene.mesh, scene.obstacle)
+    inside = [0.0 if penetration is None else penetration.inside(x[k], k) for k in range(EVERY, len(x), EVERY)]
     terms = trained.cloths.terms(scene.material)
     terms, attributes = (terms, trained.cloths.of(scene.material).attributes) if terms else (law.terms, law.attributes)
     stored = [term for term in terms if term.stores]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from omegaconf import DictConfig
 from tqdm import tqdm
@@ -57,7 +58,7 @@ class Recorder:
             number = fabrics.index(fabric)
             found = law.coefficients[number].tolist()
             (k, b), springs, hinges, (damper, drag) = law.stiffness[number].tolist(), found[:3], found[3:6], found[6:]
-            quality = data.file.materials[fabric].get("quality")
+            quality: Any = data.file.materials[fabric].get("quality")
             steps = steps_run(int(quality)) if quality else math.nan
             yield {
                 "file": path,

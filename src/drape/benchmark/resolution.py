@@ -108,7 +108,7 @@ class Resolution:
             still = moved <= self.still * abs(sag(scene, state, at))
             if still:
                 break
-        lowest = float(scene.pins.targets[0, :, 2].max() - state.x[:, 2].min())
+        lowest = float(_pins(scene).targets[0, :, 2].max() - state.x[:, 2].min())
         return Settled(sag(scene, state, at), lowest, frame + 1, still)
 
 
@@ -139,7 +139,7 @@ def held_around_pins(scene: Scene, reach: float) -> Scene:
     if not reach:
         return scene
     rest = np.asarray(scene.mesh.rest_positions, np.float64)
-    away = np.abs(rest[:, None] - rest[scene.pins.vertices]).max(axis=-1).min(axis=1)
+    away = np.abs(rest[:, None] - rest[_pins(scene).vertices]).max(axis=-1).min(axis=1)
     return dataclasses.replace(scene, pins=Pins.fixed(np.flatnonzero(away <= 1.001 * reach), scene.initial.x))
 
 
@@ -151,4 +151,12 @@ def sag(scene: Scene, state: State, at: Sequence[float]) -> float:
     rest = np.asarray(scene.mesh.rest_positions, np.float64)[:, :2]
     place = rest.min(axis=0) + np.array(at) * np.ptp(rest, axis=0)
     nearest = int(np.linalg.norm(rest - place, axis=1).argmin())
-    return float(scene.pins.targets[0, :, 2].max() - state.x[nearest, 2])
+    return float(_pins(scene).targets[0, :, 2].max() - state.x[nearest, 2])
+
+
+def _pins(scene: Scene) -> Pins:
+    if scene.pins is None:
+        raise DrapeError(
+            f"scene {scene.name}: found no pinned vertex; expected some that the cloth hangs by; choose another scene"
+        )
+    return scene.pins

@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 from torch import nn
 
 from drape import config as conf
-from drape.benchmark.measured import Circumstances, Measured
+from drape.benchmark.measured import Circumstances, Measured, Row
 from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.garment_rollout import GarmentRollout
 from drape.loss.prediction import Prediction
@@ -52,7 +52,7 @@ class SimulatorStep:
             f"A training step of {conf.chosen('model')}: width {scale.width}, batch {scale.batch_size}, {self.repeats} "
             f"steps; beyond the network {100 * beyond:.0f} % of its forward and backward time"
         )
-        parts = [{"part": name, "ms": 1e3 * seconds} for name, seconds in cost.items()]
+        parts: list[Row] = [{"part": name, "ms": 1e3 * seconds} for name, seconds in cost.items()]
         return Measured("training_step", title, parts, circumstances.text())
 
 
@@ -118,13 +118,13 @@ class _Inputs:
 def _alone(calls: list[tuple[nn.Module, tuple]]) -> float:
     """Seconds that the layers take by themselves, forward and backward."""
     began = time.perf_counter()
-    sum(_total(layer(*inputs)) for layer, inputs in calls).backward()
+    sum((_total(layer(*inputs)) for layer, inputs in calls), torch.zeros(())).backward()
     return time.perf_counter() - began
 
 
-def _total(output: object) -> torch.Tensor | float:
+def _total(output: object) -> torch.Tensor:
     """The sum of all tensors with a graph in an output."""
     if isinstance(output, torch.Tensor):
-        return output.sum() if output.requires_grad else 0.0
+        return output.sum() if output.requires_grad else torch.zeros(())
     parts = output.values() if isinstance(output, dict) else output if isinstance(output, tuple) else ()
-    return sum(_total(part) for part in parts)
+    return sum(map(_total, parts), torch.zeros(()))

@@ -97,5 +97,6 @@ class TensileTest:
         start = State.at_rest(before if moving else x)
         step = steps.step(start, 0.0, 1.0)
         at = torch.from_numpy(x - steps.origin(start))
-        pull = sum(term.energy_and_gradient(at, step)[1] for term in self.sample.law.terms)
+        pulls = (term.energy_and_gradient(at, step)[1] for term in self.sample.law.terms)
+        pull = sum(pulls, torch.zeros_like(at))
         return float(self.weights @ pull[:, 0].numpy())

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import torch
 from jaxtyping import Float
@@ -27,6 +27,7 @@ from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.law.baked.baking import Resolution, bake
 from drape.energy.law.checkpoint import load_energy
 from drape.energy.law.eunet import EUNet
+from drape.energy.law.hinge_law import NetworkHinges
 from drape.energy.law.load_law import load_law
 from drape.energy.law.spring_hinge import SpringHingeLaw
 from drape.energy.law.step_energies import StepEnergies
@@ -84,7 +85,8 @@ class TrainedLaws:
 
     def measure(self, config: DictConfig) -> Measured:
         """One row for each run, law and fabric."""
-        circumstances, rows = Circumstances(), []
+        circumstances = Circumstances()
+        rows: list[Row] = []
         runs = sorted(self._runs(), key=lambda run: (run.value, run.seed))
         for run in tqdm(runs, desc="laws", unit=" runs", file=sys.stderr):
             for law in self.laws:
@@ -102,7 +104,7 @@ class TrainedLaws:
         if not found:
             raise DrapeError(f"measure.runs: found no {CHECKPOINT} below {', '.join(self.patterns)}; train first")
         for path in found:
-            config = OmegaConf.load(path.parents[1] / "config.yaml")
+            config = cast(DictConfig, OmegaConf.load(path.parents[1] / "config.yaml"))
             value = OmegaConf.select(config, self.against)
             if not isinstance(value, int | float):
                 raise DrapeError(f"{path.parents[1]}: {self.against}: found {value}; expected a number to compare by")
@@ -126,7 +128,7 @@ class TrainedLaws:
     def _learned(self, run: Run) -> tuple[dict[str, float], Iterator[tuple[str, Fabric]]]:
         energy = load_energy(run.checkpoint)
         residuals = self._residuals(run.data, partial(_force_residual, energy))
-        baked = (bake(load_law(str(run.checkpoint), m)[0], self.table, fabric=m) for m in _materials(run.data))
+        baked = (bake(_hinges(run, m), self.table, fabric=m) for m in _materials(run.data))
         return residuals, ((law.fabric.name, of_law(law)) for law in baked)
 
     def _fitted(self, run: Run, apart: Sequence[int]) -> tuple[dict[str, float], Iterator[tuple[str, Fabric]]]:
@@ -154,10 +156,17 @@ class TrainedLaws:
 
 def seen_by(config: DictConfig) -> TrajectoryDataModule:
     """The data that a training has seen."""
-    values = OmegaConf.to_container(config.datamodule, resolve=True)
+    values: Any = OmegaConf.to_container(config.datamodule, resolve=True)
     observation = {key: value for key, value in values.pop("observation").items() if key != "_target_"}
     del values["_target_"]
     return TrajectoryDataModule(fabrics=list(config.material), observation=Observation(**observation), **values)
+
+
+def _hinges(run: Run, material: Material) -> NetworkHinges:
+    law, _ = load_law(str(run.checkpoint), material)
+    if not isinstance(law, NetworkHinges):
+        raise DrapeError(f"{run.checkpoint}: found a law of twist and bend; expected one of model=eunet_hinge")
+    return law
 
 
 def _materials(data: TrajectoryDataModule) -> list[Material]:

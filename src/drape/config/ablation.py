@@ -59,12 +59,13 @@ def compare_ablations(compose: Compose, overrides: list[str], names: list[str], 
 
 
 def _plain(config: DictConfig, group: str) -> dict[str, Any]:
-    plain = OmegaConf.to_container(config, resolve=False)
+    plain: Any = OmegaConf.to_container(config, resolve=False)
     return {name: node for name, node in plain.items() if name not in ("hydra", "label", group)}
 
 
 def _choices(config: DictConfig) -> dict[str, str]:
-    return OmegaConf.to_container(config.hydra.runtime.choices)
+    found: Any = OmegaConf.to_container(config.hydra.runtime.choices)
+    return found
 
 
 def _added(base: Mapping[str, Any], ablated: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, list[str]]]:

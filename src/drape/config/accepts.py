@@ -60,7 +60,7 @@ def _list(kind: type, arguments: tuple, value: list, locate: Callable[[str], obj
     if not _true_in_doubt(lambda: any(issubclass(sequence, kind) for sequence in (list, tuple, set))):
         return False
     if kind is tuple and arguments and arguments[-1] is not ...:
-        each = arguments
+        each = list(arguments)
     else:
         each = [arguments[0] if arguments else Any] * len(value)
     return len(each) == len(value) and all(accepts(a, v, locate) for a, v in zip(each, value, strict=True))

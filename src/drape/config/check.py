@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import inspect
 import typing
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
-from omegaconf import Container, DictConfig, OmegaConf
+from omegaconf import Container, DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from drape.config.accepts import UNKNOWN, Borrowed, accepts
@@ -80,9 +80,9 @@ def mistakes(tree: object, path: str) -> Iterator[str]:
 
 def _foreign_nodes(config: DictConfig, contents: str) -> Iterator[str]:
     known = contents_nodes(contents)
-    for name in config:
+    for name in map(str, config):
         if name not in known:
-            yield f"{name}: conf/{contents}.yaml has no such node{did_you_mean(str(name), known)}"
+            yield f"{name}: conf/{contents}.yaml has no such node{did_you_mean(name, known)}"
 
 
 def contents_nodes(contents: str) -> set[str]:
@@ -111,17 +111,19 @@ def _origin(config: DictConfig, problem: str) -> str:
     node = OmegaConf.select(config, parent) if parent and ": found" in problem else None
     if not isinstance(node, DictConfig) or not OmegaConf.is_interpolation(node, key):
         return ""
-    origin = OmegaConf.to_container(node, resolve=False)[key]
+    written: Any = OmegaConf.to_container(node, resolve=False)
+    origin = written[key]
     group = origin.strip("${}")
     choose = f"; choose another option, {group}=..." if (CONF / group).is_dir() else ""
     return f" (the value is that of {origin}{choose})"
 
 
-def _plain(node: Container, path: str, problems: list[str]) -> Any:
+def _plain(node: DictConfig | ListConfig, path: str, problems: list[str]) -> Any:
     """``node`` as plain lists and dicts, UNKNOWN for values that come later; values without a value are reported."""
     is_dict = isinstance(node, DictConfig)
-    plain = {}
-    for key in node if is_dict else range(len(node)):
+    plain: dict[Any, Any] = {}
+    keys: Iterable[Any] = node if is_dict else range(len(node))
+    for key in keys:
         where = f"{path}.{key}" if path else str(key)
         plain[key] = UNKNOWN
         if OmegaConf.is_missing(node, key):
@@ -133,7 +135,7 @@ def _plain(node: Container, path: str, problems: list[str]) -> Any:
             if not _comes_later(error):
                 problems.append(_why_unresolved(where, error))
             continue
-        if not isinstance(value, Container):
+        if not isinstance(value, DictConfig | ListConfig):
             plain[key] = value
         elif OmegaConf.is_interpolation(node, key):
             borrowed = _plain(value, where, [])
@@ -230,14 +232,15 @@ def _name(annotation: Any) -> str:
 def _foreign_values(config: DictConfig) -> Iterator[str]:
     """Plain values in the node of a group that none of the group's options has."""
     elsewhere = list(_options_at_the_top())
-    for group, node in config.items_ex(resolve=False):
-        files = sorted((CONF / str(group)).glob("*.yaml"))
+    for name, node in config.items_ex(resolve=False):
+        group = str(name)
+        files = sorted((CONF / group).glob("*.yaml"))
         if not isinstance(node, DictConfig) or "_target_" in node or not files:
             continue
         options = [page(file).tree for file in files]
         options += [tree[group] for tree in elsewhere if isinstance(tree.get(group), dict)]
         known = {str(key) for option in options for key in option} - {"defaults"}
-        for key in node:
+        for key in map(str, node):
             if key not in known and not isinstance(node._get_node(key), Container):
                 yield f"{group}.{key}: no option of conf/{group}/ has it{did_you_mean(str(key), known)}"
 

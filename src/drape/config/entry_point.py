@@ -167,7 +167,7 @@ def _composition(error: HydraException) -> str:
     for cause in causes(error):
         if isinstance(cause, HydraException | OmegaConfBaseException):
             text += [line.strip() for line in str(cause).partition("Config search path:")[0].splitlines()]
-        if isinstance(getattr(cause, "parent_node", None), DictConfig):
+        if isinstance(cause, OmegaConfBaseException) and isinstance(cause.parent_node, DictConfig):
             hint = did_you_mean(str(cause.key).rpartition(".")[2], map(str, cause.parent_node))
     noise = ("full_key", "object_type", "To append")
     lines = [line for line in dict.fromkeys(text) if line and not line.startswith(noise)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Collection, Iterator
-from typing import Any
+from typing import Any, cast
 
 from omegaconf import OmegaConf
 
@@ -53,7 +53,7 @@ def build_from_file(tree: object, groups: Collection[str], where: str) -> Any:
         raise DrapeError(
             f"{problem}; the file was written by another version of the program, or not by it: make it again"
         )
-    return instantiate(OmegaConf.create(tree))
+    return instantiate(OmegaConf.create(cast(dict, tree)))
 
 
 def _foreign(tree: object, path: str, allowed: Collection[str], groups: Collection[str]) -> Iterator[str]:

@@ -36,7 +36,7 @@ def of_another_kind(tree: Mapping[str, Any], folder: Path, contents: str) -> Ite
         kinds |= {KINDS[float]} if kinds == {None} and declared(path) else set()
         if value is UNKNOWN or not kinds - {None} or _kind(value) in kinds or path in FREE:
             continue
-        yield f"{path}: found {value!r} ({type(value).__name__}); expected {' or '.join(sorted(kinds - {None}))}"
+        yield f"{path}: found {value!r} ({type(value).__name__}); expected {' or '.join(sorted(filter(None, kinds)))}"
     yield from _other_lists(tree, told)
 
 

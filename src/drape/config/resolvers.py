@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -48,11 +49,12 @@ def choices(group: str, hydra: DictConfig | None = None) -> list[str]:
 
     Hydra's own ``runtime.choices`` has no entry for a group given as a list, ``ablation=[a,b]``.
     """
-    hydra = hydra if hydra is not None else HydraConfig.get()
-    for override in reversed(OverridesParser.create().parse_overrides(list(hydra.overrides.task))):
-        if override.key_or_group == group and isinstance(override.value(), list):
-            return [str(name) for name in override.value()]
-    choice = OmegaConf.to_container(hydra.runtime.choices).get(group)
+    node = HydraConfig.get() if hydra is None else hydra
+    for override in reversed(OverridesParser.create().parse_overrides(list(node.overrides.task))):
+        value = override.value()
+        if override.key_or_group == group and isinstance(value, list):
+            return [str(name) for name in value]
+    choice = node.runtime.choices.get(group)
     return [] if choice is None else [str(choice)]
 
 
@@ -87,7 +89,7 @@ def _estimates(path: str) -> dict[str, dict[str, float]]:
         ) from None
 
 
-def _check_estimate(fabric: str, name: str, value: object) -> None:
+def _check_estimate(fabric: str, name: str, value: Any) -> None:
     """Refuse an estimate that could be read as a config: no instruction, no interpolation, only numbers."""
     if any(word.startswith("_") or "${" in word for word in (fabric, name)):
         raise DrapeError(f"{fabric}.{name}: found what is no name")

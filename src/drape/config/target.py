@@ -14,7 +14,7 @@ from drape.config.sentences import did_you_mean
 def locate(target: object) -> Any:
     """The class or function of a dotted name, or None."""
     try:
-        return get_object(target)
+        return get_object(target) if isinstance(target, str) else None
     except Exception:  # whatever an import may raise; why_not tells
         return None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import OmegaConf
@@ -12,7 +13,8 @@ from drape.config.resolvers import PACKAGED
 
 def typed() -> list[str]:
     """The overrides of the Hydra run at hand; ``${shipped:law.ckpt}`` stays that, and not a path of this machine."""
-    return list(OmegaConf.to_container(HydraConfig.get().overrides.task, resolve=False))
+    words: Any = OmegaConf.to_container(HydraConfig.get().overrides.task, resolve=False)
+    return list(words)
 
 
 def command_line(program: str, overrides: list[str]) -> str:

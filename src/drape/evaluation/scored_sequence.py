@@ -48,7 +48,7 @@ class ScoredSequence:
     def row(self) -> dict[str, object]:
         """Of a table of sequences."""
         about = {"sequence": self.name, "kind": self.kind, "fabric": self.fabric, "motion": self.motion}
-        return about | {"vertices": self.num_vertices, "frames": self.num_frames} | self.scores
+        return {**about, "vertices": self.num_vertices, "frames": self.num_frames, **self.scores}
 
     def frame_rows(self) -> Iterator[dict[str, object]]:
         """Of a table of frames."""

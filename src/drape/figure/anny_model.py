@@ -6,6 +6,7 @@ import functools
 import importlib.util
 import warnings
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -77,7 +78,7 @@ def check_anny() -> None:
 
 
 @functools.cache
-def _model() -> object:
+def _model() -> Any:
     """Built from the data of the wheel at first use, within a minute or two, and kept by anny in its cache folder."""
     import anny
 
@@ -86,7 +87,7 @@ def _model() -> object:
         return anny.Anny(skinning_method="lbs")
 
 
-def _weights_on_joints(model: object) -> np.ndarray:
+def _weights_on_joints(model: Any) -> np.ndarray:
     """Weights of anny's bones, each added to the joint that the bone follows."""
     follows: list[int] = []
     for bone, parent in zip(model.bone_labels, model.bone_parents, strict=True):

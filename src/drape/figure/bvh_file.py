@@ -83,7 +83,8 @@ def _turn(order: str, degrees: np.ndarray) -> np.ndarray:
 
 
 def _read_hierarchy(words: list[str], path: Path) -> tuple[list[str], list[int], list[list[float]], list[list[str]]]:
-    names, parents, offsets, channels, open_joints = [], [], [], [], []
+    names, parents, open_joints = list[str](), list[int](), list[int]()
+    offsets, channels = list[list[float]](), list[list[str]]()
     position = 0
     try:
         while position < len(words):

@@ -24,7 +24,7 @@ def match_names(names: Sequence[str], path: Path, given: Mapping[str, str] | Non
     """
     given = dict(given or {})
     _check_given(names, path, given)
-    plain = {}
+    plain: dict[str, int] = {}
     for index, name in enumerate(names):
         plain.setdefault(_plain(name), index)
     conventions = yaml.safe_load(Path(__file__).with_name("bvh_names.yaml").read_text(encoding="utf-8"))
@@ -40,7 +40,7 @@ def match_names(names: Sequence[str], path: Path, given: Mapping[str, str] | Non
 
 
 def _tried(convention: dict[str, list[str]], plain: dict[str, int]) -> dict[str, int]:
-    found = {}
+    found: dict[str, int] = {}
     for joint in JOINTS:
         side, _, part = joint.partition("_")
         part = part if side in ("left", "right") else joint

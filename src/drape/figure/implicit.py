@@ -80,7 +80,7 @@ def round_cone(
 ) -> Float[np.ndarray, " points"]:
     """Exact distance to the hull of two balls."""
     axis = end - start
-    length = np.linalg.norm(axis)
+    length = float(np.linalg.norm(axis))
     offset = points - start
     along = offset @ axis / length
     away = np.sqrt(np.maximum((offset**2).sum(axis=1) - along**2, 0.0))

@@ -22,11 +22,11 @@ def sample_mirrored(
     """
     counts = np.ceil(np.array([high[0], *(high - low)[1:]]) / (COARSE * cell)).astype(int)
     start = np.array([0.0, low[1], low[2]])
-    coarse_points = start + COARSE * cell * np.stack(np.indices(counts + 1), axis=-1).reshape(-1, 3)
+    coarse_points = start + COARSE * cell * np.moveaxis(np.indices(counts + 1), 0, -1).reshape(-1, 3)
     coarse = field(coarse_points).reshape(counts + 1)
     near = binary_dilation(np.abs(coarse) < COARSE * cell)
     shape = counts * COARSE + 1
-    index = np.stack(np.indices(shape), axis=-1).reshape(-1, 3)
+    index = np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3)
     fine = np.asarray(coarse[tuple((index / COARSE + 0.5).astype(int).T)])
     chosen = near[tuple((index / COARSE + 0.5).astype(int).T)]
     fine[chosen] = field(start + cell * index[chosen])

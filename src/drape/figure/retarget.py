@@ -69,7 +69,7 @@ def hinge_axis(
 def shortest_turn(start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """The rotation by the smallest angle that takes one direction into the other."""
     axis = np.cross(start, end)
-    length = np.linalg.norm(axis)
+    length = float(np.linalg.norm(axis))
     if length < 1e-9:
         if start @ end > 0:
             return np.eye(3)

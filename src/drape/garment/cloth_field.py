@@ -32,7 +32,8 @@ class Grid:
     def covering(cls, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], spacing: float) -> Grid:
         """The grid from ``low`` to at least ``high`` in which every :data:`COARSEST`-th point ends at its border."""
         cells = np.ceil((high - low) / (spacing * COARSEST)).astype(int) * COARSEST
-        return cls(low, spacing, tuple(int(count) + 1 for count in cells))
+        nx, ny, nz = (int(count) + 1 for count in cells)
+        return cls(low, spacing, (nx, ny, nz))
 
     def points(self, every: int = 1) -> Float[np.ndarray, "nx ny nz 3"]:
         """Positions of every ``every``-th point [m]."""

@@ -21,11 +21,16 @@ class Body(Protocol):
 class FigureLike(Body, Protocol):
     """A person in the rest pose: arms away from the trunk, z up, left side at positive x."""
 
-    rest_positions: Float[np.ndarray, "vertices 3"]
-    faces: Int[np.ndarray, "faces 3"]
-    joints: Float[np.ndarray, "joints 3"]
-    bones: Int[np.ndarray, "vertices 4"]
-    weights: Float[np.ndarray, "vertices 4"]
+    @property
+    def rest_positions(self) -> Float[np.ndarray, "vertices 3"]: ...
+    @property
+    def faces(self) -> Int[np.ndarray, "faces 3"]: ...
+    @property
+    def joints(self) -> Float[np.ndarray, "joints 3"]: ...
+    @property
+    def bones(self) -> Int[np.ndarray, "vertices 4"]: ...
+    @property
+    def weights(self) -> Float[np.ndarray, "vertices 4"]: ...
 
     def skin_weights(
         self, points: Float[np.ndarray, "points 3"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -88,7 +89,7 @@ def make_outfit(
     frames: int,
     fps: float,
     seed: int,
-    recording: Mapping[str, object] | None = None,
+    recording: Mapping[str, Any] | None = None,
 ) -> Outfit:
     """Garments of these kinds in random styles, each over those before it, on a figure that moves.
 

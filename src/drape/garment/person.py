@@ -54,7 +54,7 @@ def person(
         DrapeError: packages that are missing, unknown names, measures out of range, garments that cannot be made; see
             also :func:`vertex_masses`, :class:`Scene`.
     """
-    dt, gravity = frame_time(fps), frozen_floats(gravity, (3,), "scene.gravity")
+    dt, down = frame_time(fps), frozen_floats(gravity, (3,), "scene.gravity")
     shape = shape_of(figure, "scene.figure")
     _check(garments, settle, frames)
     mass_rule(mass)
@@ -65,9 +65,10 @@ def person(
 
     print(f"making a figure, {', '.join(garments)} and the motion: some 10 seconds", file=sys.stderr, flush=True)
     moving = max(frames + 1 - settle, 1)
-    lengths = {"edge": edge, "body_edge": body_edge}
-    times = {"settle": settle, "frames": moving, "fps": fps}
-    outfit = make_outfit(shape, garments, motion, **lengths, **times, seed=seed, recording=recording)
+    outfit = make_outfit(
+        shape, garments, motion, edge=edge, body_edge=body_edge, settle=settle, frames=moving, fps=fps, seed=seed,
+        recording=recording,
+    )  # fmt: skip
     mesh = ClothMesh.from_faces(outfit.rest_positions, outfit.faces, "scene.garments")
     return Scene(
         name="person",
@@ -75,7 +76,7 @@ def person(
         initial=State.at_rest(mesh.rest_positions),
         material=material,
         mass=vertex_masses(mesh, mass),
-        gravity=gravity,
+        gravity=down,
         dt=dt,
         frames=frames,
         pins=outfit.pins,

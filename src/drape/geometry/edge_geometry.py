@@ -12,7 +12,7 @@ three neighbouring numbers takes ten times as long as the sum of three columns, 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Protocol, cast, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -40,6 +40,13 @@ class Topology(Protocol):
     def boundary(self) -> Bool[Tensor, " edges"]: ...
     @property
     def length_scale(self) -> Float[Tensor, ""]: ...
+
+
+class MeshAtRest(Topology, Protocol):
+    """A mesh that also knows the geometry of its rest positions."""
+
+    @property
+    def rest(self) -> EdgeGeometry: ...
 
 
 def safe_norm(vector: Float[Tensor, "..."], smallest: Tensor | float, dim: int = -1) -> Float[Tensor, "..."]:
@@ -150,10 +157,14 @@ class EdgeGeometry:
         """(cos β, sin β)."""
         return self._angles[..., 1, :, :].mT
 
+    @property
+    def _at_rest(self) -> EdgeGeometry:
+        return cast(MeshAtRest, self.mesh).rest
+
     @cached_property
     def turned(self) -> Float[Tensor, "... edges 4"]:
         """(cos Δα, sin Δα, cos Δβ, sin Δβ): the change of the angles from those of ``mesh.rest``."""
-        return subtract_angles(self._angles.mT, self.mesh.rest._angles.mT).mT.flatten(-3, -2).mT
+        return subtract_angles(self._angles.mT, self._at_rest._angles.mT).mT.flatten(-3, -2).mT
 
     @cached_property
     def hinge(self) -> Float[Tensor, "... edges 2"]:
@@ -168,7 +179,7 @@ class EdgeGeometry:
     @cached_property
     def hinge_change(self) -> Float[Tensor, "... edges"]:
         """Δθ, see :func:`hinge_change`, from ``mesh.rest``; 0 on boundaries."""
-        return hinge_change(self.hinge, self.mesh.rest.hinge, self.mesh.boundary)
+        return hinge_change(self.hinge, self._at_rest.hinge, self.mesh.boundary)
 
 
 def _unit(pair: Float[Tensor, "... 2 edges"]) -> Float[Tensor, "... 2 edges"]:

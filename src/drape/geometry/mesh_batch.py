@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
@@ -122,8 +123,9 @@ class MeshBatch:
     def patches(self, size: float) -> Patches:
         """Patches of about ``size`` [m] along each side; computed once for each ``size``."""
         if size not in self._patches:
-            arrays = (self.rest_positions, self.edges, self.mesh_of_vertex)
-            patches = Patches.of_batch(*(array.cpu().numpy() for array in arrays), size)
+            tensors = (self.rest_positions, self.edges, self.mesh_of_vertex)
+            rest, edges, owners = (tensor.cpu().numpy() for tensor in tensors)
+            patches = Patches.of_batch(rest, edges, owners, size)
             self._patches[size] = patches.to(self.edges.device)
         return self._patches[size]
 
@@ -148,7 +150,7 @@ class MeshBatch:
             return self
         if device not in self._elsewhere:
             tensors = {f.name: getattr(self, f.name) for f in fields(self)}
-            moved = {name: value.to(device) for name, value in tensors.items() if isinstance(value, Tensor)}
+            moved: dict[str, Any] = {k: v.to(device) for k, v in tensors.items() if isinstance(v, Tensor)}
             self._elsewhere[device] = replace(self, **moved)
         return self._elsewhere[device]
 

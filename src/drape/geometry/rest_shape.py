@@ -87,11 +87,11 @@ class HingeShape:
         self.arm1 = third - start
         self.arm2 = fourth - start
         self.rest = rest
-        self.length = _size(self.edge, rest and rest.length)
+        self.length: Tensor = _size(self.edge, None if rest is None else rest.length)
         self.normal1 = cross(self.edge, self.arm1)
         self.normal2 = cross(self.arm2, self.edge)
-        self.double_area1 = _size(self.normal1, rest and rest.double_area1)
-        self.double_area2 = _size(self.normal2, rest and rest.double_area2)
+        self.double_area1: Tensor = _size(self.normal1, None if rest is None else rest.double_area1)
+        self.double_area2: Tensor = _size(self.normal2, None if rest is None else rest.double_area2)
         both = self.double_area1 * self.double_area2
         # sin: e · (n1 x n2) with n2 = arm2 x e and n1 orthogonal to e
         pair = dot(self.normal1, self.normal2), -dot(self.normal1, self.arm2) * self.length
@@ -154,7 +154,7 @@ class HingeShape:
 
     def _share_slopes(self, factor: Tensor, shares: tuple[Tensor, Tensor]) -> Float[Tensor, "12 hinges"]:
         """``factor ∂s/∂x``: ``∂f = 6 (1 - t)/(FADED 2A_rest)² n·∂n``, n a normal as long as 2A."""
-        end, opposite = 0.0, []
+        end, opposite = torch.zeros_like(self.edge), list[Tensor]()
         for face, arm, sign in ((1, self.arm1, 1.0), (2, self.arm2, -1.0)):
             by_normal = factor * shares[2 - face] * 6.0 * (1.0 - self._part(face)) / self._faded(face).square()
             normal = sign * by_normal * getattr(self, f"normal{face}")

@@ -29,6 +29,9 @@ class ContrastiveViolations(FabricMetric):
     were. It is an estimate: other batches draw other displacements.
     """
 
+    count: Tensor
+    violated: Tensor
+
     def __init__(self, fabrics: Sequence[str], loss: VertexInequalities, seed: int = 0):
         super().__init__(fabrics)
         self.loss = loss

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
+from torch import Tensor
 
 from drape.energy.law.step_energies import StepEnergies
 from drape.metrics.fabric_metric import FabricMetric
@@ -16,6 +17,10 @@ class EnergyError(FabricMetric):
     Every window counts, those of error zero too (the official code leaves them out, docs/sources.md). The deviation is
     that of the squared errors around their mean, divided by n.
     """
+
+    count: Tensor
+    total: Tensor
+    squares: Tensor
 
     def __init__(self, fabrics: Sequence[str]):
         super().__init__(fabrics)

@@ -17,6 +17,8 @@ class MeanForce(FabricMetric):
     """Mean over free vertices and frames of the size of a force [N]."""
 
     key: str
+    count: Tensor
+    total: Tensor
 
     def __init__(self, fabrics: Sequence[str]):
         super().__init__(fabrics)

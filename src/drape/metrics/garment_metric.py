@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import torch
+from torch import Tensor
 from torchmetrics import Metric
 
 from drape.errors import DrapeError
@@ -25,6 +26,9 @@ class GarmentMetric(Metric):
 
     full_state_update = False
     higher_is_better = False
+    count: Tensor
+    total: Tensor
+    squares: Tensor
 
     def __init__(self, kinds: Sequence[str], scores: Sequence[str]):
         super().__init__()

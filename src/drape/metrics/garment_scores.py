@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from drape.contact.penetration import Penetration
 from drape.data.motion import edge_strain
+from drape.errors import DrapeError
 from drape.metrics.collision import behind_nearest_vertex
 from drape.metrics.drift import energy_drift, momentum_drift
 from drape.metrics.hem import hem_angle
@@ -48,7 +49,13 @@ class AnimatedGarment:
 
     @property
     def reference(self) -> Float[np.ndarray, "frames vertices 3"]:
-        """Recorded positions [m]."""
+        """Recorded positions [m].
+
+        Raises:
+            DrapeError: there are none.
+        """
+        if self.scene.reference is None:
+            raise DrapeError(f"scene {self.scene.name}: found no recorded frames; expected some to compare with")
         return self.scene.reference[: len(self.x)]
 
 

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from drape.errors import DrapeError
 from drape.metrics.fabric_metric import OVERALL
@@ -35,7 +35,7 @@ class RunRecord:
     """Settings that comparable runs share: ``data``, ``material``, ``scale``, ``width``, ``steps`` (those done)."""
     metrics: Mapping[str, float]
     """On the test split: ``quantity_unit/fabric`` and ``quantity_unit/overall``."""
-    provenance: Mapping[str, object]
+    provenance: Mapping[str, Any]
     """``command`` ("python src/train.py" and Hydra's task overrides), ``data`` (path), ``train_sequences``,
     ``test_sequences``, ``seconds`` (of training), ``parameters``, ``versions`` (by package) and whatever else helps."""
     label: str = ""
@@ -76,15 +76,15 @@ class EvaluationRecord:
     """Scores of one way to animate garments, and how they came about."""
 
     FORMAT: ClassVar[str] = "drape evaluation"
-    method: Mapping[str, object]
+    method: Mapping[str, Any]
     """``name`` (of the row of a table), and the settings ``simulator`` and, unless it is a baseline, ``energy``."""
-    data: Mapping[str, object]
+    data: Mapping[str, Any]
     """Common ground of evaluations that may be compared: ``path``, ``source``, ``split``, ``sequences`` (their names),
     ``frames`` (simulated of each)."""
     metrics: Mapping[str, float]
     """``score_unit/kind`` and ``score_unit/overall``, with ``_std`` over sequences; ``sequences/kind``: how many;
     ``error_in_floors/kind`` where the data have a noise floor."""
-    provenance: Mapping[str, object]
+    provenance: Mapping[str, Any]
     """``command``, ``seconds``, ``versions``, and whatever else helps."""
     folder: Path = field(default=Path(), compare=False)
     """Folder that it was read from; not stored."""
@@ -119,7 +119,7 @@ class MaterialRecord:
     """By fabric: the numbers of :class:`drape.energy.phys_material.PhysMaterial`."""
     residuals: Mapping[str, Mapping[str, float]]
     """By fabric: mean residual force over the weight in the test split; see ``MaterialDataModule.residuals``."""
-    provenance: Mapping[str, object]
+    provenance: Mapping[str, Any]
     """``command``, ``data``, ``seed``, ``frames``, ``steps``, ``seconds``, ``versions``."""
 
     def save(self, folder: Path | str) -> Path:
@@ -133,7 +133,7 @@ class SimulatorRecord:
 
     FILE: ClassVar[str] = "simulator.json"
     FORMAT: ClassVar[str] = "drape simulator"
-    training: Mapping[str, object]
+    training: Mapping[str, Any]
     """``row`` (option of the group ``model``), ``label``, ``ablation``, ``scale``, ``seed``, ``iterations``,
     ``seconds``, ``parameters``, ``command``, ..."""
     watched: Mapping[str, float]
@@ -152,7 +152,7 @@ def _save(record: RunRecord | EvaluationRecord, folder: Path | str) -> Path:
 
 
 def _load(
-    path: Path, form: str, kinds: Mapping[str, type], again: str, otherwise: Mapping[str, object] | None = None
+    path: Path, form: str, kinds: Mapping[str, type], again: str, otherwise: Mapping[str, Any] | None = None
 ) -> dict:
     """The entries of a record that ``kinds`` names; ``otherwise``: those that older records lack."""
     content = {**(otherwise or {}), **read_json(path)}

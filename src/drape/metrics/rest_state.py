@@ -29,6 +29,10 @@ class RestState(FabricMetric):
     RANGE = 5e-3
     """Half the range of Δl that is searched for the minimum [m]."""
     POINTS = 41
+    edges: Tensor
+    energy: Tensor
+    above: Tensor
+    force: Tensor
 
     def __init__(self, fabrics: Sequence[str]):
         super().__init__(fabrics)
@@ -56,10 +60,10 @@ class RestState(FabricMetric):
         self.force = self.force.scatter_reduce(0, window.fabric[mesh.mesh_of_vertex], force, "amax")
 
     def compute(self) -> dict[str, float]:
-        seen = self.edges > 0
+        seen: Tensor = self.edges > 0
         names = [name for name, is_seen in zip(self.fabrics, seen.tolist(), strict=True) if is_seen]
         energy, above = (state[seen] / self.edges[seen] for state in (self.energy, self.above))
-        result = {}
+        result: dict[str, float] = {}
         for key, values, overall in (
             ("rest_energy_J", energy, energy.mean()),
             ("rest_above_minimum_J", above, above.mean()),

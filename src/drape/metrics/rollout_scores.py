@@ -12,6 +12,7 @@ from torch import nn
 from drape.contact.penetration import Penetration
 from drape.data.recorded_scene import recorded_scene
 from drape.data.sequence import GarmentSequence
+from drape.errors import DrapeError
 from drape.metrics.collision import behind_nearest_vertex
 from drape.metrics.position import distance_by_frame
 from drape.simulators.neural.cloths import Cloths
@@ -34,8 +35,15 @@ class ScoredRollout(NamedTuple):
 def rollout_scores(
     network: nn.Module, cloths: Cloths, sequence: GarmentSequence, frames: int | None = None
 ) -> ScoredRollout:
-    """The whole sequence, or so many frames of it, animated from two recorded frames; scores are means over frames."""
+    """The whole sequence, or so many frames of it, animated from two recorded frames; scores are means over frames.
+
+    Raises:
+        DrapeError: there are no recorded frames, or no body.
+    """
     scene = recorded_scene(sequence, frames)
+    recorded, body = scene.reference, scene.obstacle
+    if recorded is None or body is None:
+        raise DrapeError(f"sequences/{sequence.name}: found no recorded frames or no body; expected both, to compare")
     device = next(network.parameters()).device
     simulator = NeuralSimulator(network, cloths, scene, str(device))
     states, began = [scene.initial], time.perf_counter()
@@ -43,11 +51,10 @@ def rollout_scores(
         states.append(simulator.step(states[-1], frame).state)
     seconds = time.perf_counter() - began
     x = np.stack([state.x for state in states])
-    error = 1e3 * distance_by_frame(x, scene.reference[: len(x)])[1:]
-    looked, faces = range(EVERY, len(x), EVERY), scene.obstacle.faces
-    penetration = Penetration(scene.mesh, scene.obstacle)
+    error = 1e3 * distance_by_frame(x, recorded[: len(x)])[1:]
+    looked, penetration = range(EVERY, len(x), EVERY), Penetration(scene.mesh, body)
     inside = [penetration.inside(x[k], k) for k in looked]
-    behind = [behind_nearest_vertex(x[k], scene.obstacle.at(k), faces).mean() for k in looked]
+    behind = [behind_nearest_vertex(x[k], body.at(k), body.faces).mean() for k in looked]
     scores = {
         "error_mm": float(error.mean()),
         "last_error_mm": float(error[-1]),

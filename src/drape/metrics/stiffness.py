@@ -36,6 +36,12 @@ class StretchStiffness(FabricMetric):
         tension: Blender's tension stiffness of each fabric.
     """
 
+    tension: Tensor
+    meshes: Tensor
+    at_rest: Tensor
+    blender: Tensor
+    moments: Tensor
+
     def __init__(self, fabrics: Sequence[str], tension: Mapping[str, float]):
         super().__init__(fabrics)
         missing = [name for name in fabrics if name not in tension]

@@ -123,8 +123,8 @@ def _recorded(sequence: GarmentSequence, stage: Stage, frames: int, folder: Path
 def _animated(row: GarmentRow, sequence: GarmentSequence, stage: Stage, folder: Path) -> Lane:
     record = row.records[0]
     path = record.folder / "sequences" / f"{sequence.name}.h5"
-    scores = _scores(record.folder).get(sequence.name, {})
-    scores = {name: float(scores[name]) for name in ("error_mm", "collision_percent") if name in scores}
+    told = _scores(record.folder).get(sequence.name, {})
+    scores: dict[str, float] = {name: float(told[name]) for name in ("error_mm", "collision_percent") if name in told}
 
     def draw(clip: Path, picture: Path) -> None:
         with AnimationFile(path) as file:

@@ -75,4 +75,5 @@ def _draw(axis: plt.Axes, screen: np.ndarray, sequence: GarmentSequence, colour:
     order = np.argsort(triangles[:, :, 2].mean(axis=1))
     colours = np.clip(shade[:, None] * base, 0.0, 1.0)[order]
     axis.add_collection(PolyCollection(triangles[order, :, :2], facecolors=colours, edgecolors=colours, linewidths=0.3))
-    axis.scatter(*screen[sequence.pinned, :2].T, s=6, color="black", zorder=3)
+    across, up = screen[sequence.pinned, :2].T
+    axis.scatter(across, up, s=6, color="black", zorder=3)

@@ -72,8 +72,8 @@ def draw_cards(cards: Sequence[Pictured], path: Path | str) -> Path:
 
 
 def _draped(card: Pictured) -> np.ndarray:
-    colour = tuple(int(card.colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
-    return draw([Surface(card.x, card.faces, colour)], Camera.framing([card.x], SIZE[0] / SIZE[1]), *SIZE)
+    red, green, blue = (int(card.colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return draw([Surface(card.x, card.faces, (red, green, blue))], Camera.framing([card.x], SIZE[0] / SIZE[1]), *SIZE)
 
 
 def _draw_strip(axis: Axes, card: Pictured, longest: float) -> None:

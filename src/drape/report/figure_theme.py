@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 from matplotlib.axis import Axis
@@ -23,7 +24,7 @@ FORMATS = {".svg": {"Date": None}, ".png": {}}
 def themed(*, dark: bool) -> Iterator[None]:
     """Text and lines of figures made inside are legible on a light or a ``dark`` page."""
     names = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "legend.labelcolor")
-    settings = dict.fromkeys(names, INK[dark]) | {
+    settings: dict[Any, Any] = dict.fromkeys(names, INK[dark]) | {
         "axes.facecolor": "none",
         "legend.framealpha": 0.0,
         "axes.spines.top": False,

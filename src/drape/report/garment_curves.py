@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -41,5 +42,5 @@ def draw_garment_curves(scored: Sequence[ScoredSequence], path: Path | str) -> P
     return path
 
 
-def _draw(axis: Axes, curve: Float[np.ndarray, " frames"], **style: object) -> None:
+def _draw(axis: Axes, curve: Float[np.ndarray, " frames"], **style: Any) -> None:
     axis.plot(np.arange(1, len(curve) + 1), curve, **style)

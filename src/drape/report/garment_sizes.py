@@ -43,6 +43,8 @@ class Size:
     """Mean over the sequences."""
     rows: Mapping[str, GarmentRow]
     """By label, without the noise floor."""
+    points: Mapping[str, tuple[float, float]]
+    """Time per frame [ms] and error [mm] of each."""
     floor: float | None
     """Mean error of the noise floor [mm]."""
 
@@ -58,9 +60,10 @@ def sizes(evaluations: Sequence[EvaluationRecord]) -> list[Size]:
         if vertices:
             rows = garment_rows(group)
             floors = [spread.mean for row in rows if (spread := row.over_seeds("floor_mm")) is not None]
-            known = {row.label: row for row in rows if not row.is_twin and _point(row) is not None}
+            points = {row.label: point for row in rows if not row.is_twin and (point := _point(row)) is not None}
+            known = {row.label: row for row in rows if row.label in points}
             lot = lots.setdefault(len(group[0].data["sequences"]), [])
-            lot.append(Size(float(np.mean(vertices)), known, floors[0] if floors else None))
+            lot.append(Size(float(np.mean(vertices)), known, points, floors[0] if floors else None))
     most = max(lots.values(), key=len, default=[])
     return sorted(most, key=lambda size: size.vertices) if len(most) > 1 else []
 
@@ -85,7 +88,7 @@ def exponent(label: str, found: Sequence[Size]) -> float | None:
 
 def recommended(size: Size) -> dict[str, str]:
     """Label of the row with the least error in real time, of the fastest within 1.5 times the least, of the least."""
-    points = {label: _point(row) for label, row in size.rows.items()}
+    points = size.points
     least = min(points, key=lambda label: points[label][1])
     near = [label for label in points if points[label][1] <= 1.5 * points[least][1]]
     found = {"preview": min(near, key=lambda label: points[label][0]), "final": least}
@@ -104,12 +107,13 @@ def size_tables(evaluations: Sequence[EvaluationRecord]) -> list[Table]:
     labels = sorted({label for size in found for label in size.rows}, key=lambda label: _order(label, found))
     rows = []
     for label in labels:
-        cells = [_cell(size.rows.get(label)) for size in found]
+        cells = ["{:.3g} / {:.3g}".format(*size.points[label]) if label in size.points else "" for size in found]
         power = exponent(label, found)
         rows.append((label, *cells, "" if power is None else f"{power:.2f}"))
     notes = []
     for need, meaning in NEEDS.items():
-        taken = [f"{label} ({size.vertices:.0f} vertices)" for size in found if (label := recommended(size).get(need))]
+        advised = [(size, recommended(size)) for size in found]
+        taken = [f"{advice[need]} ({size.vertices:.0f} vertices)" for size, advice in advised if need in advice]
         notes.append(f"{need} ({meaning}): {'; '.join(taken) or 'nothing is as fast'}")
     floors = [f"{size.floor:.2g} mm at {size.vertices:.0f} vertices" for size in found if size.floor is not None]
     table = Table(
@@ -152,7 +156,7 @@ def draw_sizes(evaluations: Sequence[EvaluationRecord], path: Path, *, dark: boo
 
 def _draw_size(axis: Axes, size: Size, marker: str, ink: str) -> None:
     """The rows of a size; those of a solver joined in the order of their time, and the frontier."""
-    points = {label: _point(row) for label, row in size.rows.items()}
+    points = size.points
     for name, colour in FAMILIES.items():
         own = sorted(points[label] for label, row in size.rows.items() if family(row) == name)
         if own:
@@ -170,7 +174,7 @@ def _name_rows(axis: Axes, size: Size) -> None:
     """Each row, beside its point of this size."""
     for label, row in size.rows.items():
         colour = FAMILIES[family(row)]
-        axis.annotate(label, _point(row), (6, 3), textcoords="offset points", fontsize=7, color=colour)
+        axis.annotate(label, size.points[label], (6, 3), textcoords="offset points", fontsize=7, color=colour)
 
 
 def _point(row: GarmentRow) -> tuple[float, float] | None:
@@ -181,15 +185,8 @@ def _point(row: GarmentRow) -> tuple[float, float] | None:
 
 def _order(label: str, found: Sequence[Size]) -> tuple[int, float]:
     """By family, then by time in the coarsest size that has the row."""
-    row = next(size.rows[label] for size in found if label in size.rows)
-    return list(FAMILIES).index(family(row)), _point(row)[0]
-
-
-def _cell(row: GarmentRow | None) -> str:
-    if row is None:
-        return ""
-    time, error = _point(row)
-    return f"{time:.3g} / {error:.3g}"
+    size = next(size for size in found if label in size.rows)
+    return list(FAMILIES).index(family(size.rows[label])), size.points[label][0]
 
 
 def _costs(record: EvaluationRecord) -> list[tuple[float, float]]:

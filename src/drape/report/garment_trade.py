@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,7 +22,7 @@ DENSE = 1e3
 """Ratio of the ends of an axis up to which there is room for numbers between powers of ten."""
 
 
-def trade_rows(rows: Sequence[GarmentRow]) -> list[dict[str, object]]:
+def trade_rows(rows: Sequence[GarmentRow]) -> list[dict[str, Any]]:
     """For each row with a time and an error: label, scale, seeds, and the means over seeds of :data:`COLUMNS`.
 
     The twin is no way to animate anything: it is the noise floor, and no row.
@@ -79,6 +80,8 @@ def draw_garment_trade(rows: Sequence[GarmentRow], path: Path, *, dark: bool = F
 
 def _draw_point(axis: Axes, row: GarmentRow, colour: str) -> None:
     time, error = row.over_seeds("ms_per_frame"), row.over_seeds("error_mm")
+    if time is None or error is None:
+        return
     marker = MARKERS["trained" if row.training else "solver" if row.is_solver else "baseline"]
     if len(row.records) > 1:
         axis.plot([time.mean] * 2, [error.lowest, error.highest], color=colour, linewidth=1)

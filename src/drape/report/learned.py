@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -44,6 +45,6 @@ def learned_fabrics(found: Sequence[Configuration], names: Sequence[str]) -> dic
     """
     config = OmegaConf.load(found[0].runs[0].folder / "config.yaml")
     materials = open_trajectories(config.datamodule.path).materials
-    scales = OmegaConf.to_container(config.datamodule.attribute_scales)
+    scales: Any = OmegaConf.to_container(config.datamodule.attribute_scales)
     known = [name for name in names if name in materials]
     return {name: torch.tensor(attribute_vector(materials[name], scales), dtype=torch.float64) for name in known}

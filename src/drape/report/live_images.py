@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, cast
 
 import lightning
 
@@ -28,11 +29,12 @@ class EnergyMapImages(lightning.Callback):
 
     def on_validation_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
         """Draw, save, and log to every logger that takes images."""
-        data = trainer.datamodule
+        session: Any = trainer  # Lightning does not say what it has while it fits
+        data, module = session.datamodule, cast(Any, pl_module)
         fabrics = {name: data.attributes_of(name) for name in self._fabrics if name in data.fabrics}
-        if trainer.fast_dev_run or not trainer.is_global_zero or not fabrics:
+        if session.fast_dev_run or not trainer.is_global_zero or not fabrics:
             return
         attributes = {name: vector.to(pl_module.device) for name, vector in fabrics.items()}
-        energies = {f"step {trainer.global_step}": energy_of(pl_module.energy.potential)}
+        energies = {f"step {trainer.global_step}": energy_of(module.energy.potential)}
         draw_energy_map(energies, attributes, self._path)
         log_image(trainer.loggers, KEY, self._path, trainer.global_step)

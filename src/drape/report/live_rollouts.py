@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, cast
 
 import lightning
 
@@ -27,8 +28,9 @@ class RolloutImages(lightning.Callback):
 
     def on_validation_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
         """Draw, save, and log to every logger that takes images."""
-        watched: Sequence[ScoredRollout] = pl_module.watched
-        if trainer.fast_dev_run or not trainer.is_global_zero or not watched:
+        session: Any = trainer  # Lightning does not say what it has while it fits
+        watched = cast(Sequence[ScoredRollout], pl_module.watched)
+        if session.fast_dev_run or not trainer.is_global_zero or not watched:
             return
         draw_rollout_sheet(watched, self._path)
         log_image(trainer.loggers, KEY, self._path, trainer.global_step)

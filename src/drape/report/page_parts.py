@@ -89,7 +89,7 @@ class GarmentSection:
 
 def tiles(rows: Sequence[GarmentRow]) -> list[Tile]:
     """Lowest error of each kind of simulator, and the noise floor."""
-    known = [(row, error.mean) for row in rows if not row.is_twin and (error := row.over_seeds("error_mm")) is not None]
+    known = [(row, mean.mean) for row in rows if not row.is_twin and (mean := row.over_seeds("error_mm")) is not None]
     found = []
     for kind, choice in (
         ("trained simulator", [each for each in known if each[0].training]),

@@ -87,6 +87,6 @@ def _size(look: Look) -> Sequence[int]:
 def _picture(look: Look, frame: int, camera: Camera, width: int, height: int) -> UInt8[np.ndarray, "height width 3"]:
     header = look.file.header
     surfaces = [Surface(look.cloth(frame), header.faces, look.colour)]
-    if look.has_body:
+    if header.obstacle is not None:
         surfaces.append(Surface(look.body(frame), header.obstacle.faces, BODY_COLOUR))
     return (255 * draw(surfaces, camera, width, height)).round().astype(np.uint8)

@@ -82,10 +82,10 @@ class StabilityReport(Callback):
 
 def read(folder: Path) -> dict[Cell, Stability | str]:
     """All runs below ``folder``, each measured, or the error that it stopped with; in the order of running."""
-    found = {}
+    found: dict[Cell, Stability | str] = {}
     for path in sorted(folder.glob("*/*/*/.hydra"), key=lambda path: path.stat().st_mtime):
         run = path.parent
-        cell = run.parts[-3:]
+        cell: Cell = run.parts[-3], run.parts[-2], run.parts[-1]
         stopped = run / STOPPED
         animation = run / "animation.h5"
         if stopped.exists() or not animation.exists():
@@ -159,7 +159,7 @@ def draw(found: Mapping[Cell, Stability | str], path: Path) -> Path:
     figure = Figure(figsize=(2.2 + 1.5 * len(ways), 1.6 + 0.27 * len(cases)), layout="constrained")
     axes = figure.subplots()
     for (case, *way), result in found.items():
-        row, column = cases.index(case), ways.index(tuple(way))
+        row, column = cases.index(case), ways.index((way[0], way[1]))
         grid[row, column] = list(VERDICTS).index(verdict(result))
         text = "stopped"
         if isinstance(result, Stability):

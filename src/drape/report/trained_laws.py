@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -55,7 +56,8 @@ def _draw_panel(axis: Axes, rows: Sequence[Mapping], key: str, places: Mapping[f
             for row in rows:
                 if (row["law"], row["fabric"]) == (law, fabric):
                     found.setdefault(places[float(row["value"])], []).append(float(row[key]))
-            look = {"color": f"C{colour}", "linewidth": 1, "linestyle": style, "label": f"{fabric}, {law}"}
-            axis.plot(list(found), [statistics.fmean(values) for values in found.values()], **look)
+            look: dict[str, Any] = {"color": f"C{colour}", "linewidth": 1, "linestyle": style}
+            means = [statistics.fmean(values) for values in found.values()]
+            axis.plot(list(found), means, label=f"{fabric}, {law}", **look)
             dots = [(place, value) for place, values in found.items() for value in values]
             axis.plot(*zip(*dots, strict=True), ".", color=f"C{colour}", markersize=4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -29,7 +30,7 @@ def draw_training_trade(runs: Sequence[RunRecord], path: Path | str, fabric: str
     found = configurations(runs)
     names = list(dict.fromkeys(label(configuration) for configuration in found))
     steps = sorted({int(configuration.setting["steps"]) for configuration in found})
-    styles = {number: STYLES[k % len(STYLES)] for k, number in enumerate(steps)}
+    styles: dict[int, Any] = {number: STYLES[k % len(STYLES)] for k, number in enumerate(steps)}
     figure = Figure(figsize=(10, 7.5), layout="constrained")
     axes = figure.subplots(len(ERRORS), len(COSTS), squeeze=False, sharex="col", sharey="row")
     for row, (key, error) in zip(axes, ERRORS.items(), strict=True):
@@ -67,7 +68,7 @@ def _cost(configuration: Configuration, cost: str) -> float:
 
 
 def _draw_points(
-    axis: Axes, found: Sequence[Configuration], key: str, cost: str, styles: Mapping[int, str], look: Mapping[str, str]
+    axis: Axes, found: Sequence[Configuration], key: str, cost: str, styles: Mapping[int, Any], look: Mapping[str, Any]
 ) -> None:
     for steps, style in styles.items():
         same = [c for c in found if c.setting["steps"] == steps and c.over_seeds(key) is not None]

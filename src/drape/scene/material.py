@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 from drape.errors import DrapeError
 
@@ -46,7 +47,7 @@ class Material:
             raise DrapeError(f"fabric {self.name}: areal_density: found {density}; expected kg/m2, more than 0")
 
     @classmethod
-    def from_settings(cls, name: str, settings: Mapping[str, object]) -> Material:
+    def from_settings(cls, name: str, settings: Mapping[str, Any]) -> Material:
         """A fabric from Blender's settings as a data file stores them; other settings than a fabric's are left out.
 
         Raises:
@@ -64,7 +65,7 @@ class Material:
         return {each.name: getattr(self, each.name) for each in fields(self) if each.name not in OURS}
 
 
-def attribute_vector(material: Mapping[str, object], scales: Mapping[str, float]) -> list[float]:
+def attribute_vector(material: Mapping[str, Any], scales: Mapping[str, float]) -> list[float]:
     """The vector **a** of a fabric: Blender's values divided by ``scales`` (docs/sources.md, The piece of cloth).
 
     A scale of infinity hides an entry, as the official code hides the mass.

@@ -101,12 +101,12 @@ def resample(
 ) -> Float[np.ndarray, "frames vertices 3"]:
     """Positions at the times ``k * dt``, k = 0..``frames``, between recorded frames linearly; ``fps`` of the recording.
 
-    A single recorded frame stands still and stays one.
+    A single recorded frame stands still and stays one, as do positions without a rate: those of a still body.
 
     Raises:
         DrapeError: the recording ends before time ``frames * dt``. ``where`` opens the sentence.
     """
-    if len(positions) == 1:
+    if fps is None or len(positions) == 1:
         return positions
     last = len(positions) - 1
     times = np.arange(frames + 1) * dt * fps  # in recorded frames

@@ -39,12 +39,14 @@ def resampled(scene: Scene, resolution: int) -> Scene:
     Its vertices weigh the same among each other, as Blender's do. There is no ``reference`` any more.
 
     Raises:
-        DrapeError: the mesh of the scene is not that of :func:`square_grid`.
+        DrapeError: the mesh of the scene is not that of :func:`square_grid`, or it does not hang.
     """
     count = round(scene.mesh.num_vertices**0.5)
     if resolution == count:
         return scene
     pattern = _pattern(scene, count)
+    if scene.pins is None:
+        raise DrapeError(f"scene {scene.name}: found no pinned vertex; expected a square that hangs by two corners")
     mesh = square_grid(float(np.ptp(scene.mesh.rest_positions[:, 0])), resolution, pattern)
     change = SquareResampling(count, resolution)
     x = change(scene.initial.x)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -31,7 +32,8 @@ class CapturedStep:
 
     def __init__(self, losses: Losses, parameters: Sequence[nn.Parameter], window: Window):
         self._losses, self._parameters = losses, list(parameters)
-        self._window = replace(window, **{name: value.clone() for name, value in _numbers(window).items()})
+        own: dict[str, Any] = {name: value.clone() for name, value in _numbers(window).items()}
+        self._window = replace(window, **own)
         aside = torch.cuda.Stream()
         aside.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(aside):

@@ -23,7 +23,7 @@ def alone(folder: Path) -> Iterator[None]:
     Raises:
         DrapeError: another training is at work there.
     """
-    if rank_zero_only.rank:  # a process of the same training
+    if vars(rank_zero_only)["rank"]:  # a process of the same training; Lightning keeps it with the function
         yield
         return
     taken = f"{folder}: another training is at work there; wait for it, or give this one another name=..."

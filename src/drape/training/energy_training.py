@@ -8,6 +8,7 @@ from typing import Any
 import lightning
 import numpy as np
 import torch
+from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
 from torchmetrics import MetricCollection
 
@@ -93,8 +94,9 @@ class EnergyTraining(lightning.LightningModule):
 
     def training_step(self, window: Window, batch_idx: int) -> Tensor:
         """The weighted sum of the loss terms of one window; on a GPU, its slopes as well."""
-        self._replayed = self._captures(window)
-        values = self._captured.replay(window) if self._replayed else self.losses(window)
+        captured = self._captured if self._captures(window) else None
+        self._replayed = captured is not None
+        values = self.losses(window) if captured is None else captured.replay(window)
         if not window.x.is_cuda or (self.global_step + 1) % CHECKED_EVERY == 0:
             self._check(values)
         logged = {f"train/loss/{name}": value.detach() for name, value in values.items()}
@@ -158,7 +160,7 @@ class EnergyTraining(lightning.LightningModule):
             self.log_dict({f"{stage}/{name}": value for name, value in metric.compute().items()})
             metric.reset()
 
-    def configure_optimizers(self) -> dict:
+    def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """The optimiser, and the schedule stepped with every batch."""
         optimizer = self._make_optimizer(self.energy.parameters())
         total = self.trainer.estimated_stepping_batches

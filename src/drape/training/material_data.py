@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import lightning
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, Dataset
 
 from drape.data.garment_frames import GarmentFrames, SampledGarmentFrames
 from drape.data.hdf5 import GarmentFile
@@ -73,7 +73,10 @@ class MaterialDataModule(lightning.LightningDataModule):
     @property
     def num_judged(self) -> int:
         """Frames of the training split with vertices that can be judged."""
-        return len(self.loader("train").dataset)
+        return len(self._frames("train"))
+
+    def _frames(self, split: str) -> list[FabricBalance]:
+        return cast(list[FabricBalance], self.loader(split).dataset)
 
     def loader(self, split: str) -> DataLoader:
         """Batches of a split; see :func:`material_loader`."""
@@ -107,7 +110,7 @@ class MaterialDataModule(lightning.LightningDataModule):
 
     def _columns(self, split: str, fabric: str) -> Tensor | None:
         own = self.attributes[fabric]
-        columns = [one.balance.columns for one in self.loader(split).dataset if torch.equal(one.attributes[0], own)]
+        columns = [one.balance.columns for one in self._frames(split) if torch.equal(one.attributes[0], own)]
         return torch.cat(columns, 1) if columns else None
 
 
@@ -126,7 +129,8 @@ def material_loader(frames: Iterable[GarmentFrames], batch_size: int, seed: int)
             "learn from; use looser garments, or more frames"
         )
     order = torch.Generator().manual_seed(seed)
-    return DataLoader(judged, batch_size, shuffle=True, generator=order, collate_fn=_collated)
+    frames_of = cast("Dataset[FabricBalance]", judged)  # any sequence will do
+    return DataLoader(frames_of, batch_size, shuffle=True, generator=order, collate_fn=_collated)
 
 
 def _garments(frames: GarmentFrames) -> list[FabricBalance]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import lightning
 import torch
+from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
 from torch.utils.data import DataLoader
 
@@ -84,7 +85,7 @@ class MaterialTraining(lightning.LightningModule):
             },
         )
 
-    def configure_optimizers(self) -> dict:
+    def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """Adam, its rate decayed with every epoch."""
         optimizer = torch.optim.Adam(self.net.parameters(), lr=self._learning_rate)
         return {"optimizer": optimizer, "lr_scheduler": torch.optim.lr_scheduler.ExponentialLR(optimizer, self._decay)}
@@ -96,7 +97,7 @@ def fit(
     """A network trained on the batches of ``loader`` (the paper: 4 epochs of 10 000 frames in batches of 4)."""
     torch.manual_seed(seed)
     training = MaterialTraining(MaterialNet(), learning_rate, decay)
-    quiet = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
+    quiet: dict[str, Any] = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
     trainer = lightning.Trainer(accelerator="cpu", max_epochs=epochs, enable_model_summary=False, **quiet)
     trainer.fit(training, loader)
     return training.net

@@ -49,7 +49,7 @@ def _train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> Path
     lightning.seed_everything(config.seed, verbose=False)
     data = conf.instantiate(config.datamodule, fabrics=list(config.material))
     conf.set_statistics(data.statistics())
-    plain = OmegaConf.to_container(config, resolve=True)
+    plain: Any = OmegaConf.to_container(config, resolve=True)
     kind, is_trial = locate(config.training._target_), bool(config.trainer.get("fast_dev_run"))
     record = folder / kind.RECORD
     if not is_trial and _finished(plain, folder, record):
@@ -84,7 +84,7 @@ def _finished(plain: dict[str, Any], folder: Path, record: Path) -> bool:
     begun = record.is_file() or any(folder.glob("checkpoints/*.ckpt"))  # a run that left nothing is in nobody's way
     if path.is_file() and begun:
         with reading(path, "delete the folder"):
-            before = OmegaConf.to_container(OmegaConf.load(path))
+            before: Any = OmegaConf.to_container(OmegaConf.load(path))
         different = sorted(_result(before) ^ _result(plain))
         if different:
             names = ", ".join(dict.fromkeys(name for name, _ in different))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import lightning
@@ -120,7 +120,7 @@ class SimulatorTraining(lightning.LightningModule):
         rollout, x, v = self._begin(rollout, generator)
         contact = next((each.contact for each in self.loss.values() if isinstance(each, Potential)), None)
         touching = None if contact is None else contact.surface(rollout.mesh)
-        optimizer = self.optimizers()
+        optimizer: Any = self.optimizers()
         for group in optimizer.param_groups:
             group["lr"] = group["initial_lr"] * self._schedule(self.progress)
         sums: dict[str, Tensor] = {}
@@ -133,7 +133,7 @@ class SimulatorTraining(lightning.LightningModule):
             if (k + 1) % every == 0:
                 self._update(optimizer, last=k + 1 == length)
             x, v = x_next.detach(), (x_next.detach() - x) / rollout.dt
-        logged = {f"train/{name}": value / length for name, value in sums.items()}
+        logged: dict[str, Tensor | float] = {f"train/{name}": value / length for name, value in sums.items()}
         logged |= {"train/rollout_length": float(length)}
         logged |= {"train/ms_per_step": 1e3 * (time.perf_counter() - began) / length}
         self.log_dict(logged, batch_size=rollout.mesh.num_meshes)
@@ -156,7 +156,7 @@ class SimulatorTraining(lightning.LightningModule):
     def _judged(self, prediction: Prediction, rollout: GarmentRollout, sums: dict[str, Tensor]) -> Tensor:
         """The sum of the losses; their summands are added to ``sums``, as they are and as energies."""
         totals = []
-        for loss in self.loss.values():
+        for loss in cast(Iterable[PredictionLoss], self.loss.values()):
             values = loss(prediction)
             for name, value in values.items():
                 if not torch.isfinite(value):
@@ -171,7 +171,7 @@ class SimulatorTraining(lightning.LightningModule):
             totals.append(loss.total(values))
         return torch.stack(totals).sum()
 
-    def _update(self, optimizer: torch.optim.Optimizer, *, last: bool) -> None:
+    def _update(self, optimizer: Any, *, last: bool) -> None:
         """One update; Lightning is told of the last of an iteration only, so that it counts iterations."""
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), self._clip)
         (optimizer if last else optimizer.optimizer).step()
@@ -198,7 +198,7 @@ class SimulatorTraining(lightning.LightningModule):
         v = (rollout.x[1] - rollout.x[0]) / rollout.dt
         material = data.materials[rollout.fabrics[0]]
         step = rollout_step(rollout, 0, rollout.x[1], v, cloth._replace(terms=self.cloths.terms(material)))
-        told = self.finish(config, choices, data, seconds).training
+        told = dict(self.finish(config, choices, data, seconds).training)
         return describe_simulator(config, told, self.network, step, material)
 
     def finish(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -72,7 +73,7 @@ class StepCost:
         calls = [(e, inputs.detach().requires_grad_(inputs.requires_grad), a) for e, inputs, a in self.calls]
         leaves = [inputs for _, inputs, _ in calls if inputs.requires_grad]
         began = time.perf_counter()
-        total = 0.0
+        total = torch.zeros(())
         for evaluate, inputs, attributes in calls:
             found = evaluate(inputs, attributes)
             total = total + sum(part.sum() for part in (found if isinstance(found, tuple) else (found,)))
@@ -87,7 +88,7 @@ class _Recording:
     """While active, what the units of ``energy`` are asked: (their function, inputs, attributes)."""
 
     def __init__(self, energy: EUNet):
-        self._units = list(energy.units.values())
+        self._units: list[Any] = list(energy.units.values())
         self._calls: list[Call] = []
 
     def __enter__(self) -> list[Call]:

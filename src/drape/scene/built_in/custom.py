@@ -63,7 +63,7 @@ def custom(
         DrapeError: whatever is wrong with files, sizes, pins or masses, before anything is simulated.
     """
     _check_apart((mesh, mesh_object), (body, body_object))
-    where, gravity = Path(mesh), frozen_floats(gravity, (3,), "scene.gravity")
+    where, down = Path(mesh), frozen_floats(gravity, (3,), "scene.gravity")
     dt = None if fps is None else frame_time(fps)
     cloth, read = read_cloth(where, scale, up_axis, weld, mesh_object)
     x = cloth.rest_positions if start is None else read_pose(start, read, start_object)
@@ -80,14 +80,14 @@ def custom(
         said += perhaps_lying(x, _assumed(read, up_axis))
     dt = dt or frame_time(_rate(worn))
     obstacle = None if worn is None else obstacle_of(worn, dt, frames)
-    vertices = pinned_vertices(pins, x, gravity, read.form.vertex)
+    vertices = pinned_vertices(pins, x, down, read.form.vertex)
     return Scene(
         name=where.stem,
         mesh=cloth,
         initial=State.at_rest(x),
         material=material,
         mass=vertex_masses(cloth, mass),
-        gravity=gravity,
+        gravity=down,
         dt=dt,
         frames=frames,
         pins=_held(vertices, x, obstacle, pins_follow_body),
@@ -126,4 +126,6 @@ def _held(
         raise DrapeError(f"scene.pins_follow_body: found true without a {missing}, or leave pins_follow_body false")
     if vertices is None:
         return None
-    return Pins(vertices, follow(obstacle, x[vertices])) if follows else Pins.fixed(vertices, x)
+    if follows and obstacle is not None:
+        return Pins(vertices, follow(obstacle, x[vertices]))
+    return Pins.fixed(vertices, x)

@@ -108,8 +108,8 @@ def _moved(rest: np.ndarray, name: str, value: float, size: float, seed: int) ->
         right, angle = x[:, 0] > 0, np.deg2rad(value)
         x[right] = np.stack([x[right, 0] * np.cos(angle), x[right, 1], x[right, 0] * np.sin(angle)], axis=1)
     elif name == "collapsed":
-        kept = {0: [0.0, 0.0, 0.0], 1: [1.0, 0.0, 0.0], 2: [0.0, 1.0, 0.0]}
+        kept: dict[float, list[float]] = {0: [0.0, 0.0, 0.0], 1: [1.0, 0.0, 0.0], 2: [0.0, 1.0, 0.0]}
         if value not in kept:
             raise DrapeError(f"scene.case: found 'collapsed {value:g}'; expected 0, 1 or 2")
-        x *= kept[value]
+        x *= np.array(kept[value])
     return x
