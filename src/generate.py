@@ -20,12 +20,12 @@ def main(config: DictConfig) -> None:
 
 
 def _simulate(source: str, settings: dict) -> None:
+    from drape.blender.generation import generate
+
     if source == "cloth":
-        from drape.blender.generation import generate
         from drape.report.contact_sheet import draw_contact_sheet as draw
         from drape.report.dataset_card import dataset_card as card
     else:
-        from drape.blender.garment_generation import generate_garments as generate
         from drape.report.garment_card import garment_card as card
         from drape.report.garment_clips import render_garment_clips
         from drape.report.garment_sheet import draw_garment_sheet as draw

@@ -23,7 +23,6 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from tests.attack.mistyped import mistyped
 from tests.composing import kept_configs
 
-from drape.blender.garment_plan import check_garments
 from drape.blender.plan import check_data
 from drape.config import instantiate
 from drape.config.check import check_command
@@ -130,10 +129,6 @@ BUILT = {"animate": ("contact", "output", "scene"), "bake": ("table", "bounds"),
 """What is built before anything is read or written; its constructors know more than their annotations say."""
 
 
-CHECKS = {None: check_data, "garments": check_garments}
-"""What generating checks of ``data`` first, by its source."""
-
-
 class Score(NamedTuple):
     """What became of each override."""
 
@@ -180,8 +175,8 @@ def checked(line: str) -> None:
     check_command(config, page)
     for name in BUILT.get(page, ()):
         instantiate(config[name])
-    if page == "generate" and (check := CHECKS.get(config.data.get("source"))):
-        check(OmegaConf.to_container(config.data, resolve=True))
+    if page == "generate" and config.data.get("source") in (None, "garments"):  # what generating checks first
+        check_data(OmegaConf.to_container(config.data, resolve=True))
 
 
 def composed(page: str, typed: list[str]) -> DictConfig:

@@ -6,6 +6,8 @@ import importlib.util
 import json
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +16,12 @@ import yaml
 
 import drape
 from drape.blender import plan as plans
+from drape.blender.choice import choose
 from drape.blender.initial_state import random_state
 from drape.blender.presets import fabric_settings, read_preset
-from drape.blender.sequence import fabric_of, make_sequence, reason_to_reject, split_of
+from drape.blender.sequence import make_sequence
+from drape.blender.sheet_sequence import DrawnSheet, reason_to_reject
+from drape.data.stored_part import StoredSequence
 from drape.errors import DrapeError
 from drape.geometry.grid import square_grid
 
@@ -195,7 +200,11 @@ def test_sequences_are_rejected_by_the_stated_rule() -> None:
 
 def _small_plan() -> dict:
     request = plans.make_request(DATA | {"resolution": 4, "frames": 4}, SILK)
-    return request | {"settings": {"silk": {"bending_stiffness": 0.5}}}
+    return request | {"settings": {"silk": {"bending_stiffness": 0.5, "quality": 5, "mass": 0.15}}}
+
+
+def _made(index: int, simulate: Callable[..., np.ndarray]) -> StoredSequence:
+    return make_sequence(index, _small_plan(), partial(DrawnSheet, simulate=simulate)).sequence
 
 
 def test_an_attempt_depends_on_seed_sequence_and_attempt_only() -> None:
@@ -206,30 +215,35 @@ def test_an_attempt_depends_on_seed_sequence_and_attempt_only() -> None:
         frames = np.repeat(np.asarray(rest, np.float32)[None], len(acceleration) + 1, axis=0)
         return frames * (np.nan if len(calls) in (1, 2) else 1.0)
 
-    positions, attempts = make_sequence(5, _small_plan(), simulate)
-    assert attempts == 3
-    assert positions.shape == (4, 16, 3)
-    again, attempts = make_sequence(5, _small_plan(), simulate)
-    assert attempts == 1
+    made = _made(5, simulate)
+    assert (made.attempts, made.name, made.fabric, made.split) == (3, "000005", "silk", "train")
+    assert made.mass_per_vertex == 0.15
+    assert made.positions.shape == (4, 16, 3)
+    again = _made(5, simulate)
+    assert again.attempts == 1
     np.testing.assert_array_equal(calls[3][0], calls[0][0])
     assert not np.array_equal(calls[0][0], calls[1][0])
     pulled = calls[2][1]
     np.testing.assert_array_equal(pulled[-3:], np.tile([0.0, 0.0, -9.81], (3, 1)))  # the recorded steps
     assert not np.array_equal(pulled[0], pulled[-1])
-    np.testing.assert_array_equal(again, positions)
+    np.testing.assert_array_equal(again.positions, made.positions)
 
 
 def test_a_sequence_that_is_always_rejected_says_so() -> None:
     def simulate(rest, faces, pinned, settings, start, acceleration, fps):
         return np.full((len(acceleration) + 1, len(rest), 3), np.nan, np.float32)
 
-    with pytest.raises(DrapeError, match="rejected 20 times, at last for a position that is not finite; widen"):
-        make_sequence(0, _small_plan(), simulate)
+    with pytest.raises(DrapeError, match="refused 20 times, at last for a position that is not finite; widen"):
+        _made(0, simulate)
 
 
 def test_fabrics_come_in_equal_parts_in_both_splits() -> None:
-    rows = [(split_of(i, DATA["counts"]), fabric_of(i, 4)) for i in range(1000)]
-    assert {key: rows.count(key) for key in set(rows)} == {(s, f): (200, 50)[s] for s in (0, 1) for f in range(4)}
+    fabrics = ("silk", "leather", "denim", "cotton")
+    plan = {"data": DATA, "material": dict.fromkeys(fabrics)}
+    rows = [(choice.split, choice.fabric) for choice in (choose(index, plan) for index in range(1000))]
+    assert {key: rows.count(key) for key in set(rows)} == {
+        (split, fabric): count for split, count in (("train", 200), ("test", 50)) for fabric in fabrics
+    }
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
+from drape.blender.choice import Choice, choose
 from drape.blender.garment_attempt import drawn_shape
-from drape.blender.garment_choice import Choice, choose
-from drape.blender.garment_plan import make_garment_request
+from drape.blender.plan import make_request
 from drape.config.entry_point import CONF
 from drape.errors import DrapeError
 from drape.figure.phenotype import Phenotype
@@ -43,7 +43,7 @@ def choices(data: dict) -> dict[str, list[Choice]]:
 @pytest.mark.parametrize("size", SIZES)
 def test_every_size_is_a_valid_data_set_with_its_own_path(size: str) -> None:
     data = data_of(f"size={size}")
-    assert make_garment_request(data, MATERIAL)["data"]["counts"]["train"] > 0
+    assert make_request(data, MATERIAL)["data"]["counts"]["train"] > 0
     assert data["path"] == f"data/garments_{'small' if size == 'default' else size}.h5"
 
 
@@ -118,28 +118,28 @@ def test_a_mistake_is_refused_with_a_sentence(data: dict, key: str, value: objec
         node = node[name]
     node[last] = value
     with pytest.raises(DrapeError, match=sentence):
-        make_garment_request(wrong, MATERIAL)
+        make_request(wrong, MATERIAL)
 
 
 def test_a_missing_key_names_the_page(data: dict) -> None:
     wrong = {key: value for key, value in data.items() if key != "settle"}
     with pytest.raises(DrapeError, match="data.settle: missing; see conf/data/garments.yaml"):
-        make_garment_request(wrong, MATERIAL)
+        make_request(wrong, MATERIAL)
 
 
 def test_names_of_files_are_not_part_of_the_request(data: dict) -> None:
-    one, other = (make_garment_request(data | {"path": path}, MATERIAL) for path in ("a.h5", "b.h5"))
+    one, other = (make_request(data | {"path": path}, MATERIAL) for path in ("a.h5", "b.h5"))
     assert one == other
     assert yaml.safe_load(yaml.safe_dump(one)) == one
 
 
 def test_people_of_anny_are_drawn_from_their_own_measures() -> None:
     data = data_of("data/shape=anny")
-    assert make_garment_request(data, MATERIAL)["data"]["shape"]["gender"] == [0.0, 1.0]
+    assert make_request(data, MATERIAL)["data"]["shape"]["gender"] == [0.0, 1.0]
     first, again, other = drawn_shape(0, data), drawn_shape(0, data), drawn_shape(1, data)
     assert isinstance(first, Phenotype)
     assert first == again != other
     with pytest.raises(DrapeError, match=r"data\.shape\.age: found 0\.1; expected a number from 0\.3 to 1"):
-        make_garment_request(data_of("data/shape=anny", "data.shape.age=[0.1,0.5]"), MATERIAL)
+        make_request(data_of("data/shape=anny", "data.shape.age=[0.1,0.5]"), MATERIAL)
     with pytest.raises(DrapeError, match=r"data\.shape\.girth: no such key"):
-        make_garment_request(data_of("data/shape=anny", "+data.shape.girth=[1.0,1.1]"), MATERIAL)
+        make_request(data_of("data/shape=anny", "+data.shape.girth=[1.0,1.1]"), MATERIAL)

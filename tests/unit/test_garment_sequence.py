@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,11 +13,14 @@ import trimesh
 from drape.blender import garment_sequence
 from drape.blender.dressed_body import DressedBody
 from drape.blender.garment_attempt import Attempt
-from drape.blender.garment_part import load_garment_part, save_garment_part
-from drape.blender.garment_sequence import make_garment_sequence
+from drape.blender.garment_sequence import DrawnGarment
+from drape.blender.part import load_part, save_part
+from drape.blender.sequence import make_sequence
+from drape.data.hdf5 import GarmentFile
 from drape.errors import DrapeError
 from drape.figure.shape import FigureShape
 from drape.garment.style import GarmentStyle
+from tests.trajectories import header, sequences, write
 
 FRAMES, SETTLE = 4, 3
 DATA = {
@@ -68,7 +72,8 @@ def made(monkeypatch: pytest.MonkeyPatch):
             calls.append(SimpleNamespace(start=start, steps=settings["quality"], gravity=gravity, fps=fps))
             return np.repeat(scale * start[None], SETTLE + FRAMES, axis=0).astype(np.float32)
 
-        return make_garment_sequence(index, PLAN, simulate, lambda x, faces: np.zeros(len(faces), bool)), calls
+        draw = partial(DrawnGarment, simulate=simulate, crossing=lambda x, faces: np.zeros(len(faces), bool))
+        return make_sequence(index, PLAN, draw), calls
 
     return make
 
@@ -148,11 +153,21 @@ def test_pins_are_led_from_wherever_they_start() -> None:
 
 def test_a_part_is_read_as_it_was_stored(made, tmp_path: Path) -> None:
     part, _ = made(2, [True])
-    save_garment_part(tmp_path, 2, part)
+    save_part(tmp_path, 2, part)
     assert [path.name for path in tmp_path.iterdir()] == ["000002.npz"]
-    found = load_garment_part(tmp_path, 2)
+    found = load_part(tmp_path, 2)
     for piece in ("body", "garment", "sequence"):
         stored, read = vars(getattr(part, piece)), vars(getattr(found, piece))
         assert stored.keys() == read.keys()
         for name, value in stored.items():
             np.testing.assert_equal(read[name], value)
+
+
+def test_a_part_of_a_sheet_has_no_body(tmp_path: Path) -> None:
+    sheet = GarmentFile(write(tmp_path / "sheets.h5", header(), sequences())).part("000001")
+    save_part(tmp_path, 1, sheet)
+    found = load_part(tmp_path, 1)
+    assert found.body is None
+    np.testing.assert_array_equal(found.garment.faces, sheet.garment.faces)
+    np.testing.assert_array_equal(found.sequence.positions, sheet.sequence.positions)
+    assert (found.sequence.fabric, found.sequence.attempts) == ("denim", 2)

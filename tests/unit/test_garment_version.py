@@ -9,8 +9,9 @@ import h5py
 import pytest
 import yaml
 
-from drape.blender import garment_generation
-from drape.blender.garment_generation import generate_garments
+from drape.blender import generation
+from drape.blender.generation import generate
+from drape.config.entry_point import CONF
 from drape.data.blender_friction import HIGHEST_NUMBER, blender_number, coefficient
 from drape.data.hdf5 import GarmentFile
 from drape.data.hdf5_writer import data_writer
@@ -85,25 +86,38 @@ def test_a_file_of_before_by_another_maker_is_refused(tmp_path):
 
 def test_parts_of_before_are_not_mixed_with_new_ones(tmp_path, monkeypatch):
     """Not even where the numbers are equal, as one was Blender's and the other is a coefficient."""
-    monkeypatch.setattr(garment_generation, "make_plan", lambda request: {**request, "settings": {}})
+    monkeypatch.setattr(generation, "make_plan", lambda request: {**request, "settings": {}})
     data = data_of(f"data.path={tmp_path}/garments.h5", "data.contact.friction=0.5")
-    before = garment_generation.make_garment_request(data, MATERIAL) | {"settings": {}}
+    before = generation.make_request(data, MATERIAL) | {"settings": {}}
     parts = tmp_path / "garments.h5.parts"
     parts.mkdir()
     (parts / "manifest.json").write_text(json.dumps(before), encoding="utf-8")
     with pytest.raises(DrapeError, match=r"schema_version: nothing there, 2 asked for\); delete it, or choose another"):
-        generate_garments(data, MATERIAL, 1)
+        generate(data, MATERIAL, 1)
     assert json.loads((parts / "manifest.json").read_text(encoding="utf-8")) == before
 
 
+def test_parts_of_sheets_of_before_are_not_taken(tmp_path, monkeypatch):
+    """They held positions alone."""
+    monkeypatch.setattr(generation, "make_plan", lambda request: {**request, "settings": {}})
+    page = yaml.safe_load((CONF / "data" / "cloth.yaml").read_text(encoding="utf-8"))
+    data = page | {"path": f"{tmp_path}/cloth.h5"}
+    parts = tmp_path / "cloth.h5.parts"
+    parts.mkdir()
+    before = generation.make_request(data, MATERIAL) | {"settings": {}}
+    (parts / "manifest.json").write_text(json.dumps(before), encoding="utf-8")
+    with pytest.raises(DrapeError, match=r"parts: nothing there, whole asked for\); delete it, or choose another"):
+        generate(data, MATERIAL, 1)
+
+
 def test_a_whole_data_set_of_before_is_not_made_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(garment_generation, "make_plan", None)
+    monkeypatch.setattr(generation, "make_plan", None)
     path = old_file(tmp_path / "garments.h5", "blender 5.0.1", 2.0)
     data = data_of(f"data.path={path}")
-    made = garment_generation.make_garment_request(data, MATERIAL)
+    made = generation.make_request(data, MATERIAL)
     made["data"]["contact"]["friction"] = 2.0
     with h5py.File(path, "r+") as file:
         file.attrs["config"] = yaml.safe_dump(made)
-    assert generate_garments(data, MATERIAL, 1)[1] is False
+    assert generate(data, MATERIAL, 1)[1] is False
     with pytest.raises(DrapeError, match=r"data.contact.friction: 0.02 there, 0.3 asked for"):
-        generate_garments(data | {"contact": data["contact"] | {"friction": 0.3}}, MATERIAL, 1)
+        generate(data | {"contact": data["contact"] | {"friction": 0.3}}, MATERIAL, 1)

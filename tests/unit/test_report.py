@@ -17,6 +17,7 @@ from drape.metrics.record import RunRecord
 from drape.report.curves import draw_curves, panels, read_curves
 from drape.report.document import document, settings_of, tables
 from drape.report.energy_map import POINTS, draw_energy_map, energy_of, sample_map
+from drape.report.learned import learned_energies
 from drape.report.provenance import missing
 from drape.report.runs import Configuration, configurations, find_runs
 from drape.report.table import Table, number
@@ -275,3 +276,13 @@ def test_curves_of_something_else_are_refused(tmp_path):
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
     with pytest.raises(DrapeError, match="expected one called step"):
         read_curves(tmp_path / "other.csv")
+
+
+def test_a_checkpoint_that_cannot_be_loaded_is_named_and_left_out(tmp_path, capsys):
+    """Of another version of the program, or cut short: the other laws are drawn all the same."""
+    path = tmp_path / "checkpoints" / "last.ckpt"
+    path.parent.mkdir()
+    path.write_bytes(b"no checkpoint")
+    run = dataclasses.replace(record("none", 0), folder=tmp_path)
+    assert learned_energies(configurations([run])) == {}
+    assert f"left out: {path}" in capsys.readouterr().err

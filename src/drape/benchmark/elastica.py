@@ -15,7 +15,7 @@ LONGEST = 50.0
 
 
 class _Level:
-    """Where a strip is level: there the integration ends."""
+    """End of the integration: a strip that is level."""
 
     terminal = True
 

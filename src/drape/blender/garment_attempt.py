@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from drape.blender.choice import Choice
 from drape.blender.dressed_body import DressedBody
-from drape.blender.garment_choice import Choice
 from drape.blender.garment_people import load_person
-from drape.blender.garment_plan import MOTION_FILE
+from drape.blender.plan import MOTION_FILE
 from drape.figure.anny_figure import make_person
 from drape.figure.bvh import read_bvh
 from drape.figure.clear_arms import clear_arms

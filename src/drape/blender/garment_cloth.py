@@ -1,4 +1,8 @@
-"""A garment on a moving body, simulated by Blender. Imports bpy: run it in a process of its own (garment_worker)."""
+"""A garment on a moving body, simulated by Blender. Imports bpy: run it in a process of its own (see worker).
+
+It has what a sheet has (cloth), and is led and touched: a body that moves by a point cache, contact, pins that are led.
+A sheet has none of them, and is pushed by another acceleration in every frame; so each has its own loop over frames.
+"""
 
 from __future__ import annotations
 

@@ -9,18 +9,20 @@ from pathlib import Path
 import yaml
 from tqdm import tqdm
 
-from drape.blender.plan import make_plan, make_request
-from drape.blender.sequence import cloth_mesh, fabric_of, load_part, part_path, split_of
+from drape.blender.choice import choose
+from drape.blender.garment_attempt import drawn_shape
+from drape.blender.garment_people import save_people
+from drape.blender.part import load_part, part_path
+from drape.blender.plan import has_bodies, make_plan, make_request
 from drape.blender.workers import processes_of, run_workers
 from drape.data.difference import refuse_difference
 from drape.data.hdf5 import GarmentFile
-from drape.data.hdf5_writer import sheet_writer
+from drape.data.hdf5_writer import data_writer, sheet_writer
 from drape.data.parts_folder import OTHERWISE, claimed, parts_of
-from drape.data.schema import SHEETS, SPLITS
-from drape.data.sheets import SHEET, sheet_name
-from drape.data.stored_part import Header, Part, StoredGarment, StoredSequence
-from drape.data.trajectories import open_trajectories
+from drape.data.schema import GARMENTS, SHEETS, VERSIONS
+from drape.data.stored_part import Header
 from drape.errors import DrapeError
+from drape.figure.phenotype import Phenotype
 
 
 def generate(data: Mapping, material: Mapping, workers: int | str) -> tuple[GarmentFile, bool]:
@@ -37,14 +39,17 @@ def generate(data: Mapping, material: Mapping, workers: int | str) -> tuple[Garm
     path = Path(data["path"])
     parts = parts_of(path)
     if path.exists():
-        file = open_trajectories(path)
+        file = GarmentFile(path, f"python src/generate.py data.path={path}")
         made = yaml.safe_load(file.attribute("config")) or {}
         refuse_difference({key: made.get(key, {}) for key in request}, request, path, OTHERWISE)
         shutil.rmtree(parts, ignore_errors=True)
         return file, False
     plan = make_plan(request)
+    if has_bodies(plan["data"]):
+        plan["schema_version"] = VERSIONS[GARMENTS]  # parts of another meaning are not taken
     try:
-        with claimed(parts, plan):
+        with claimed(parts, _manifest(plan)):
+            _make_people(parts, plan)
             _simulate(parts, plan, processes)
             _pack(parts, plan, path)
             shutil.rmtree(parts, ignore_errors=True)
@@ -56,38 +61,42 @@ def generate(data: Mapping, material: Mapping, workers: int | str) -> tuple[Garm
     return GarmentFile(path), True
 
 
-def _count(plan: Mapping) -> int:
-    return plan["data"]["counts"]["train"] + plan["data"]["counts"]["test"]
+def _manifest(plan: Mapping) -> dict:
+    """Owner of the folder of parts; parts of sheets were other files once."""
+    return dict(plan) if has_bodies(plan["data"]) else {**plan, "parts": "whole"}
+
+
+def _indices(plan: Mapping) -> range:
+    return range(sum(plan["data"]["counts"].values()))
+
+
+def _missing(parts: Path, plan: Mapping) -> list[int]:
+    return [index for index in _indices(plan) if not part_path(parts, index).exists()]
+
+
+def _make_people(parts: Path, plan: Mapping) -> None:
+    """Those that sequences still to be made show, if bodies are people of anny."""
+    if has_bodies(plan["data"]):
+        bodies = sorted({choose(index, plan).body for index in _missing(parts, plan)})
+        shapes = {body: drawn_shape(body, plan["data"]) for body in bodies}
+        save_people(parts, {body: shape for body, shape in shapes.items() if isinstance(shape, Phenotype)})
 
 
 def _simulate(parts: Path, plan: Mapping, processes: int) -> None:
-    count = _count(plan)
-    missing = [index for index in range(count) if not part_path(parts, index).exists()]
+    missing, count = _missing(parts, plan), len(_indices(plan))
     with tqdm(total=count, initial=count - len(missing), desc="simulating", unit=" sequences") as bar:
         for _ in run_workers(parts, missing, processes):
             bar.update()
 
 
 def _pack(parts: Path, plan: Mapping, path: Path) -> None:
-    size = sum(part_path(parts, index).stat().st_size for index in range(_count(plan)))
-    mesh, pinned = cloth_mesh(plan["data"])
-    fabrics = list(plan["settings"])
-    with sheet_writer(path, _header(plan), _count(plan), size) as writer:
-        for index in range(_count(plan)):
-            positions, attempts = load_part(parts, index)
-            fabric = fabrics[fabric_of(index, len(fabrics))]
-            sequence = StoredSequence(
-                name=sheet_name(index),
-                body="",
-                motion="",
-                split=SPLITS[split_of(index, plan["data"]["counts"])],
-                garment=SHEET,
-                fabric=fabric,
-                mass_per_vertex=float(plan["settings"][fabric]["mass"]),
-                attempts=attempts,
-                positions=positions,
-            )
-            writer.add(Part(None, StoredGarment(SHEET, "", mesh.rest_positions, mesh.faces, pinned), sequence))
+    """One file of all parts, one sequence at a time."""
+    indices, header = _indices(plan), _header(plan)
+    size = sum(part_path(parts, index).stat().st_size for index in indices)
+    sheets = header.format == SHEETS
+    with sheet_writer(path, header, len(indices), size) if sheets else data_writer(path, header, size) as writer:
+        for index in indices:
+            writer.add(load_part(parts, index))
 
 
 def _header(plan: Mapping) -> Header:
@@ -98,10 +107,10 @@ def _header(plan: Mapping) -> Header:
     }
     return Header(
         source=f"blender {plan['blender_version']}",
-        materials=materials,
         fps=float(data["fps"]),
         gravity=(0.0, 0.0, -float(data["gravity"])),
-        seed=data["seed"],
+        materials=materials,
         config=yaml.safe_dump(plan, sort_keys=False),
-        format=SHEETS,
+        seed=data["seed"],
+        format=GARMENTS if has_bodies(data) else SHEETS,
     )

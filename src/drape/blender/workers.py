@@ -14,8 +14,8 @@ from drape.errors import DrapeError
 class Worker(BlenderProcess):
     """One process and the sequence that it is busy with."""
 
-    def __init__(self, module: str, parts: Path, number: int) -> None:
-        super().__init__(module, [str(parts)], parts / f"worker_{number}.log")
+    def __init__(self, parts: Path, number: int) -> None:
+        super().__init__("drape.blender.worker", [str(parts)], parts / f"worker_{number}.log")
         self.index = -1
 
     def start(self, index: int) -> None:
@@ -40,18 +40,14 @@ def processes_of(workers: int | str) -> int:
     return workers
 
 
-def run_workers(
-    parts: Path, indices: Iterable[int], count: int, module: str = "drape.blender.worker"
-) -> Iterator[tuple[int, int]]:
+def run_workers(parts: Path, indices: Iterable[int], count: int) -> Iterator[tuple[int, int]]:
     """Simulate the sequences ``indices`` in ``count`` processes; yields (index, attempts) in order of completion.
-
-    ``module``: what a process runs, with ``parts`` as its argument.
 
     Raises:
         DrapeError, OSError: see :meth:`BlenderProcess.receive`; the finished sequences stay in ``parts``.
     """
     waiting = list(indices)[::-1]
-    workers = [Worker(module, parts, number) for number in range(min(count, len(waiting)))]
+    workers = [Worker(parts, number) for number in range(min(count, len(waiting)))]
     selector = selectors.DefaultSelector()
     try:
         for worker in workers:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from torch import Tensor
 
 from drape.data.trajectories import open_trajectories
 from drape.energy.law.checkpoint import load_energy
+from drape.errors import DrapeError
 from drape.report.energy_map import EnergyOf, energy_of
 from drape.report.runs import Configuration
 from drape.report.tables import label
@@ -23,15 +25,17 @@ CHECKPOINT = "checkpoints/last.ckpt"
 def learned_energies(found: Sequence[Configuration]) -> dict[str, EnergyOf]:
     """φp of each configuration that still has its checkpoint, by label; of several seeds the lowest.
 
-    Raises:
-        DrapeError: a checkpoint that cannot be loaded.
+    A checkpoint that cannot be loaded is named on stderr and left out.
     """
     energies = {}
     for configuration in found:
         run = min(configuration.runs, key=lambda run: run.seed)
         path = run.folder / CHECKPOINT
-        if path.is_file():
-            energies[f"{label(configuration)}, seed {run.seed}"] = energy_of(load_energy(path).potential)
+        try:
+            if path.is_file():
+                energies[f"{label(configuration)}, seed {run.seed}"] = energy_of(load_energy(path).potential)
+        except DrapeError as error:
+            print(f"left out: {error}", file=sys.stderr)
     return energies
 
 
