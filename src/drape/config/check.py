@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from omegaconf import Container, DictConfig, ListConfig, OmegaConf
@@ -57,11 +58,17 @@ def check_command(config: DictConfig, contents: str) -> None:
     """
     for entry in page(CONF / f"{contents}.yaml").tree.get("defaults", []):
         group = next(iter(entry)) if isinstance(entry, dict) else "hydra"
-        options = [page(file) for file in (CONF / group).glob("*.yaml")]
-        nodes = [group in each.tree if each.at_top else bool(each.tree) for each in options]
-        if group not in ("hydra", *config) and nodes and all(nodes):
+        if group in ("hydra", *config):
+            continue
+        nodes = [_gives(group, file) for file in (CONF / group).glob("*.yaml")]
+        if nodes and all(nodes):
             raise DrapeError(f"conf: {group}: found no option; expected one, {group}=...; --help lists them")
     check_config(config, contents=contents)
+
+
+def _gives(group: str, option: Path) -> bool:
+    """Whether an option leaves a node of its group's name."""
+    return group in contents_nodes(f"{group}/{option.stem}") if page(option).at_top else bool(page(option).tree)
 
 
 def _first_of_each(problems: list[str]) -> list[str]:
@@ -106,7 +113,7 @@ def contents_nodes(contents: str) -> set[str]:
 
 
 def _origin(config: DictConfig, problem: str) -> str:
-    """Place of the value at fault, if it was an interpolation."""
+    """Origin of the value at fault, if it is an interpolation."""
     parent, _, key = problem.partition(": found")[0].rpartition(".")
     node = OmegaConf.select(config, parent) if parent and ": found" in problem else None
     if not isinstance(node, DictConfig) or not OmegaConf.is_interpolation(node, key):
@@ -246,7 +253,7 @@ def _foreign_values(config: DictConfig) -> Iterator[str]:
 
 
 def _options_at_the_top() -> Iterator[Mapping[str, Any]]:
-    """Content of options that stand at the top themselves (``# @package _global_``) say, of any group."""
+    """Values of the options that stand at the top themselves (``# @package _global_``), of any group."""
     for file in sorted(CONF.glob("*/*.yaml")):
         if page(file).at_top:
             yield page(file).tree
