@@ -118,7 +118,7 @@ class SimulatorTraining(lightning.LightningModule):
         length = min(self._curriculum.length(self.global_step), rollout.length)
         cloth = self.cloths.draw(rollout, self.materials, generator)
         rollout, x, v = self._begin(rollout, generator)
-        optimizer = cast(LightningOptimizer, self.optimizers())
+        optimizer = cast(torch.optim.Optimizer, self.optimizers())
         for group in optimizer.param_groups:
             group["lr"] = group["initial_lr"] * self._schedule(self.progress)
         sums: dict[str, Tensor] = {}
@@ -169,10 +169,10 @@ class SimulatorTraining(lightning.LightningModule):
             totals.append(loss.total(values))
         return torch.stack(totals).sum()
 
-    def _update(self, optimizer: LightningOptimizer, *, last: bool) -> None:
+    def _update(self, optimizer: torch.optim.Optimizer, *, last: bool) -> None:
         """One update; Lightning is told of the last of an iteration only, so that it counts iterations."""
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), self._clip)
-        (optimizer if last else optimizer.optimizer).step()
+        (optimizer if last else cast(LightningOptimizer, optimizer).optimizer).step()
         optimizer.zero_grad()
 
     def on_validation_epoch_start(self) -> None:
