@@ -10,6 +10,7 @@ import lightning
 import numpy as np
 import torch
 from jaxtyping import Float
+from lightning.pytorch.core.optimizer import LightningOptimizer
 from torch import Tensor, nn
 
 from drape.contact.penetration import Body, cleared
@@ -120,7 +121,7 @@ class SimulatorTraining(lightning.LightningModule):
         rollout, x, v = self._begin(rollout, generator)
         contact = next((each.contact for each in self.loss.values() if isinstance(each, Potential)), None)
         touching = None if contact is None else contact.surface(rollout.mesh)
-        optimizer: Any = self.optimizers()
+        optimizer = cast(torch.optim.Optimizer, self.optimizers())
         for group in optimizer.param_groups:
             group["lr"] = group["initial_lr"] * self._schedule(self.progress)
         sums: dict[str, Tensor] = {}
@@ -171,10 +172,10 @@ class SimulatorTraining(lightning.LightningModule):
             totals.append(loss.total(values))
         return torch.stack(totals).sum()
 
-    def _update(self, optimizer: Any, *, last: bool) -> None:
+    def _update(self, optimizer: torch.optim.Optimizer, *, last: bool) -> None:
         """One update; Lightning is told of the last of an iteration only, so that it counts iterations."""
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), self._clip)
-        (optimizer if last else optimizer.optimizer).step()
+        (optimizer if last else cast(LightningOptimizer, optimizer).optimizer).step()
         optimizer.zero_grad()
 
     def on_validation_epoch_start(self) -> None:
