@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import trimesh
 
+from drape.data.hdf5 import GarmentFile
+from drape.data.trajectories import open_trajectories
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh import ClothMesh
 from drape.scene.mass import vertex_masses
@@ -68,3 +71,30 @@ def write_meshes(folder: Path, mesh: ClothMesh, positions: np.ndarray, kind: str
     for number, frame in enumerate(positions):
         trimesh.Trimesh(frame, mesh.faces, process=False).export(folder / f"frame_{number}.{kind}")
     return folder
+
+
+def as_version_1(file: GarmentFile, path: Path) -> GarmentFile:
+    """The same recordings as version 1 stored them."""
+    pieces = {sequence.garment: sequence for sequence in file.sequences}
+    with h5py.File(path, "w") as target:
+        known = {name: file.attribute(name) for name in ("drape_version", "fps", "dt", "up_axis", "config")}
+        target.attrs.update(known, format="drape recordings", schema_version=1, gravity=file.gravity)
+        target.attrs["fabrics"] = list(file.fabrics)
+
+        def add(name: str, array: np.ndarray, kind: str, unit: str) -> None:
+            target.create_dataset(name, data=array.astype(kind)).attrs.update(units=unit, meaning="")
+
+        for number, one in enumerate(pieces.values()):
+            add(f"pieces/{number}/rest_positions", one.mesh.rest_positions, "float32", "m")
+            add(f"pieces/{number}/faces", one.mesh.faces, "int64", "1")
+            add(f"pieces/{number}/pinned", one.pinned, "int64", "1")
+            add(f"pieces/{number}/mass", one.mass, "float64", "kg")
+        for number, one in enumerate(file.sequences):
+            add(f"sequences/{number:06d}/positions", one.positions, "float32", "m")
+            target[f"sequences/{number:06d}"].attrs.update(
+                name=one.motion, piece=list(pieces).index(one.garment), fabric=file.fabrics.index(one.fabric),
+                split=["train", "test"].index(one.split),
+            )  # fmt: skip
+        for fabric, settings in file.materials.items():
+            target.create_group(f"materials/{fabric}").attrs.update(settings)
+    return open_trajectories(path)

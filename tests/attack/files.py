@@ -13,6 +13,7 @@ import resource
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,12 +21,17 @@ import h5py
 import numpy as np
 import torch
 import trimesh
-from tests import animations, garments
+from tests import animations, garments, trajectories
 from tests.integration.conftest import write_swaying
+from tests.recordings import as_version_1
+from tests.trajectories import MESH
 
 from drape.config.resolvers import SHIPPED, _estimates
 from drape.data.animation_hdf5 import AnimationFile
 from drape.data.hdf5 import GarmentFile
+from drape.data.hdf5_writer import data_writer
+from drape.data.schema import RECORDED_MATERIAL, RECORDINGS
+from drape.data.stored_part import Part, StoredGarment
 from drape.data.trajectories import open_trajectories
 from drape.energy.law.baked.file import _digest, read_baked
 from drape.energy.law.load_law import load_law
@@ -83,7 +89,8 @@ def read_body(path: Path) -> None:
 
 
 READ: dict[str, Callable[[Path], object]] = {
-    "cloth.h5": read_cloth, "garments.h5": read_garments, "animation.h5": read_animation,
+    "cloth.h5": read_cloth, "recordings.h5": read_cloth, "old_recordings.h5": read_cloth, "garments.h5": read_garments,
+    "animation.h5": read_animation,
     "law.ckpt": lambda path: load_law(str(path), SILK), "table.npz": read_baked,
     "estimates.json": lambda path: _estimates(str(path)), "walk.bvh": load_bvh,
     "body.obj": read_body, "body.ply": read_body, "body.glb": read_body, "body.npz": read_body,
@@ -117,6 +124,7 @@ def whole(folder: Path) -> dict[str, Path]:
     folder.mkdir(parents=True, exist_ok=True)
     found = {name: folder / name for name in READ}
     write_swaying(found["cloth.h5"])
+    as_version_1(write_recordings(found["recordings.h5"]), found["old_recordings.h5"])
     garments.write(found["garments.h5"])
     animations.write(found["animation.h5"], animations.header())
     found["law.ckpt"].write_bytes((SHIPPED / "eunet_hinge.ckpt").read_bytes())
@@ -128,6 +136,17 @@ def whole(folder: Path) -> dict[str, Path]:
         ball.export(found[f"body.{kind}"])
     np.savez(found["body.npz"], faces=ball.faces, positions=np.asarray(ball.vertices)[None], fps=30.0)
     return found
+
+
+def write_recordings(path: Path) -> GarmentFile:
+    """Two sequences of a piece of cloth whose vertices have masses of their own."""
+    known = dict.fromkeys(RECORDED_MATERIAL, 1.0)
+    about = trajectories.header(format=RECORDINGS, source="recorded", materials={"silk": known, "denim": known})
+    garment = StoredGarment("sheet", "", MESH.rest_positions, MESH.faces, np.array([0, 3]), np.linspace(0.1, 0.2, 16))
+    with data_writer(path, about) as writer:
+        for sequence in trajectories.sequences(count=2):
+            writer.add(Part(None, garment, replace(sequence, motion="flag.npz", mass_per_vertex=0.15)))
+    return open_trajectories(path)
 
 
 TEXTS, LUCKY = (".obj", ".bvh", ".json"), (("flipped",), ("flipped", "cut"))
@@ -251,7 +270,7 @@ def _huge(file: h5py.File, name: str, _: Path) -> None:
     _replaced(file, name, shape=shape, dtype=file[name].dtype, chunks=(1, *shape[1:]))
 
 
-OPTIONAL = ("twin", "00000/positions", "00003/positions")
+OPTIONAL = ("twin", "/00000/positions", "/00003/positions", "garments/sheet/mass")
 """What a sequence of garments need not have."""
 DATASETS: dict[str, Callable[[h5py.File, str, Path], bool | None]] = {
     "removed": lambda file, name, _: False if name.endswith(OPTIONAL) else file.__delitem__(name),

@@ -27,7 +27,7 @@ from drape.report.dataset_card import dataset_card
 from drape.report.shown_motion import shown_motion
 from drape.scene.mass import vertex_areas
 from drape.scene.material import ATTRIBUTES
-from tests.recordings import DENSITY, STIFFNESS, patch, swinging, write_meshes, write_npz
+from tests.recordings import DENSITY, STIFFNESS, as_version_1, patch, swinging, write_meshes, write_npz
 
 GRID = square_grid(0.4, 4)
 SETTINGS = {
@@ -84,33 +84,6 @@ def two(root: Path, write: Callable[[Path, int], object] | None = None, **change
 
 def names_of(file: GarmentFile) -> list[str]:
     return [sequence.motion for sequence in file.sequences]
-
-
-def as_version_1(file: GarmentFile, path: Path) -> GarmentFile:
-    """The same recordings as version 1 stored them."""
-    pieces = {sequence.garment: sequence for sequence in file.sequences}
-    with h5py.File(path, "w") as target:
-        known = {name: file.attribute(name) for name in ("drape_version", "fps", "dt", "up_axis", "config")}
-        target.attrs.update(known, format="drape recordings", schema_version=1, gravity=file.gravity)
-        target.attrs["fabrics"] = list(file.fabrics)
-
-        def add(name: str, array: np.ndarray, kind: str, unit: str) -> None:
-            target.create_dataset(name, data=array.astype(kind)).attrs.update(units=unit, meaning="")
-
-        for number, one in enumerate(pieces.values()):
-            add(f"pieces/{number}/rest_positions", one.mesh.rest_positions, "float32", "m")
-            add(f"pieces/{number}/faces", one.mesh.faces, "int64", "1")
-            add(f"pieces/{number}/pinned", one.pinned, "int64", "1")
-            add(f"pieces/{number}/mass", one.mass, "float64", "kg")
-        for number, one in enumerate(file.sequences):
-            add(f"sequences/{number:06d}/positions", one.positions, "float32", "m")
-            target[f"sequences/{number:06d}"].attrs.update(
-                name=one.motion, piece=list(pieces).index(one.garment), fabric=file.fabrics.index(one.fabric),
-                split=["train", "test"].index(one.split),
-            )  # fmt: skip
-        for fabric, settings in file.materials.items():
-            target.create_group(f"materials/{fabric}").attrs.update(settings)
-    return open_trajectories(path)
 
 
 def test_sequences_of_several_meshes_are_read_back(tmp_path: Path) -> None:

@@ -18,9 +18,9 @@ from tqdm import tqdm
 from drape.benchmark.composed import Composed
 from drape.benchmark.measured import Circumstances, Measured, Row
 from drape.contact.penetration import Penetration
-from drape.data.hdf5 import GarmentFile
 from drape.data.motion import edge_strain, speeds
 from drape.data.recorded_scene import recorded_scene
+from drape.data.trajectories import open_dressed
 from drape.energy.fabric import Fabric
 from drape.energy.scene_step import SceneSteps
 from drape.energy.term import EnergyTerm
@@ -71,7 +71,7 @@ class LongRollouts:
     def measure(self, config: DictConfig) -> Measured:
         """One row for each checkpoint."""
         circumstances, composed = Circumstances(), Composed(config)
-        file = GarmentFile(self.path)
+        file = open_dressed(self.path)
         chosen, rows = file.split("test")[: self.sequences], []
         total = len(chosen) * len(self.checkpoints)
         with tqdm(total=total, desc="animating", unit=" sequences", file=sys.stderr) as bar:

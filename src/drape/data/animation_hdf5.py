@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from drape.data.form_hdf5 import Forms, read_forms
-from drape.data.hdf5 import open_hdf5
+from drape.data.formats import open_hdf5
 from drape.data.schema import Field, plain
 from drape.data.schema_check import check_field, check_kinds
 from drape.errors import DrapeError

@@ -9,15 +9,14 @@ from pathlib import Path
 import lightning
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from drape.data.loader import WindowLoader, share_of
 from drape.data.observation import AS_RECORDED, Observation
-from drape.data.sequence import GarmentSequence
 from drape.data.statistics import training_statistics
 from drape.data.trajectories import open_trajectories
-from drape.data.windows import Window
+from drape.data.windows import Window, mass_and_free
 from drape.errors import DrapeError
 from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import attribute_vector
@@ -82,15 +81,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         self._mesh_batch = lru_cache(maxsize=16)(lambda *meshes: MeshBatch.from_meshes(meshes))
 
     def _sequences(self, split: str) -> np.ndarray:
-        """Numbers of the sequences of a split that are of the fabrics in use."""
-        every = enumerate(self.file.sequences)
-        numbers = np.array([k for k, each in every if each.split == split and each.fabric in self.fabrics], np.int64)
-        if len(numbers) == 0:
-            raise DrapeError(
-                f"{self.file.path}: split {split} has no sequence of {', '.join(self.fabrics)}; "
-                "generate more sequences or choose other fabrics"
-            )
-        return numbers
+        return np.array(self.file.numbers(split, self.fabrics))
 
     def attributes_of(self, fabric: str) -> Float[Tensor, " attributes"]:
         """The vector **a** of one fabric of the file, as the networks see it (float64)."""
@@ -185,13 +176,6 @@ class TrajectoryDataModule(lightning.LightningDataModule):
 
     def test_dataloader(self) -> WindowLoader:
         return self.loader(self.test_sequences, self.eval_batch_size, **share_of(self.trainer))
-
-
-def mass_and_free(sequence: GarmentSequence) -> tuple[Float[Tensor, " vertices"], Bool[Tensor, " vertices"]]:
-    """Mass of each vertex [kg], and whether it is not pinned."""
-    free = torch.ones(sequence.mesh.num_vertices, dtype=torch.bool)
-    free[torch.from_numpy(sequence.pinned)] = False
-    return torch.from_numpy(sequence.mass), free
 
 
 def _spaced(indices: np.ndarray, count: int, batch_size: int) -> list[np.ndarray]:

@@ -16,6 +16,7 @@ from drape.data.mesh_check import check_masses, check_mesh
 from drape.data.schema import AGAIN, ATTRIBUTES, FIELDS, RECORDED_MATERIAL, SPLITS, plain
 from drape.data.schema_check import check_attributes, check_materials
 from drape.errors import DrapeError
+from drape.stored import attribute
 
 PIECE = tuple(
     replace(field, dtype="float32" if field.name == "rest_positions" else field.dtype)
@@ -72,7 +73,7 @@ def _add_sequence(index: Index, file: h5py.File, path: Path, name: str) -> None:
         "garment": garment,
         "body": "",
         "fabric": index.attributes["fabrics"][found["fabric"]],
-        "motion": str(group.attrs["name"]),
+        "motion": attribute(path, f"name of sequences/{name}", group.attrs.get("name"), "a text"),
         "split": SPLITS[found["split"]],
         "attempts": 1,
         "mass_per_vertex": float(np.mean(file[f"pieces/{garment}/mass"][:])),

@@ -1,4 +1,8 @@
-"""Rollouts of a data set of garments, for the training of simulators."""
+"""Rollouts of a data set of garments, for the training of simulators.
+
+Apart from datamodule, as a sample is another one: bodies, and frames around t = 0 at the middle of each garment, where
+an energy needs three frames of cloth alone.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +14,10 @@ import lightning
 import numpy as np
 
 from drape.data.garment_rollout import GarmentRollout, SingleRollout
-from drape.data.hdf5 import GarmentFile
 from drape.data.loader import WindowLoader, share_of
 from drape.data.recorded_scene import START
 from drape.data.sequence_loader import SequenceLoader
+from drape.data.trajectories import open_dressed
 from drape.errors import DrapeError
 from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.mass import vertex_areas
@@ -56,7 +60,7 @@ class GarmentDataModule(lightning.LightningDataModule):
         super().__init__()
         if start not in STARTS:
             raise DrapeError(f"datamodule.start: found {start!r}; expected {' or '.join(STARTS)}")
-        self.file = GarmentFile(path)
+        self.file = open_dressed(path)
         self.fabrics, self.start, self.length = tuple(fabrics), start, length
         self.batch_size, self.seed = batch_size, seed
         self._sequence = lru_cache(maxsize=None)(self.file.sequence)
@@ -77,13 +81,7 @@ class GarmentDataModule(lightning.LightningDataModule):
         self._first = np.cumsum([0, *counts])
 
     def _usable(self, split: str) -> list[str]:
-        found = [name for name in self.file.split(split) if self._sequence(name).fabric in self.fabrics]
-        if not found:
-            raise DrapeError(
-                f"{self.file.path}: split {split} has no garment of {', '.join(self.fabrics)}; generate more sequences "
-                "or choose other fabrics"
-            )
-        return found
+        return [self.file.names[number] for number in self.file.numbers(split, self.fabrics)]
 
     def _check(self, names: Sequence[str], start: str) -> None:
         for name in names:

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from drape.data.hdf5 import GarmentFile
-from drape.data.windows import Window
+from drape.data.windows import Window, mass_and_free
 from drape.errors import DrapeError
 from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import attribute_vector
@@ -85,19 +85,15 @@ class SampledGarmentFrames:
         windows = [self.sequences[owner].window(int(start), 3) for owner, start in drawn]
         mesh = MeshBatch.from_meshes([s.mesh for s in sequences])
         x_prev, x, x_next = (_joined([w.positions[k] for w in windows]) for k in range(3))
-        sizes = torch.tensor([s.mesh.num_vertices for s in sequences])
         fabric = torch.tensor([self.file.fabrics.index(s.fabric) for s in sequences])
-        first_vertex = torch.cumsum(sizes, 0) - sizes
-        pinned = [torch.from_numpy(s.pinned) + first for s, first in zip(sequences, first_vertex, strict=True)]
-        free = torch.ones(mesh.num_vertices, dtype=torch.bool)
-        free[torch.cat(pinned)] = False
+        mass, free = zip(*(mass_and_free(s) for s in sequences), strict=True)
         window = Window(
             mesh=mesh,
             x_prev=x_prev,
             x=x,
             x_next=x_next,
-            mass=torch.tensor([s.mass_per_vertex for s in sequences], dtype=torch.float64).repeat_interleave(sizes),
-            free=free,
+            mass=torch.cat(mass),
+            free=torch.cat(free),
             attributes=self._attributes[fabric],
             fabric=fabric,
             gravity=torch.from_numpy(self.file.gravity),

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 
-import h5py
 import numpy as np
 from jaxtyping import Float, Int
 
-from drape.data import earlier_friction
-from drape.data.earlier_recordings import index_of_recordings
-from drape.data.index import Index, Layout
-from drape.data.schema import AGAIN, FIELDS, GARMENTS, GROUP_ATTRIBUTES, RECORDINGS, SHEETS, SPLITS, VERSIONS, plain
+from drape.data.formats import index_of, open_hdf5
+from drape.data.index import Layout
+from drape.data.schema import AGAIN, FIELDS, GROUP_ATTRIBUTES, SPLITS, plain
 from drape.data.sequence import GarmentSequence
-from drape.data.sheets import index_of_sheets
 from drape.data.stored_part import STORED, Part, StoredBody, StoredGarment, StoredSequence
 from drape.errors import DrapeError
 from drape.geometry.mesh import ClothMesh
-from drape.stored import check_hdf5, reading, sound
+from drape.stored import reading, sound
 
 GENERATE = "python src/generate.py data=garments"
 
@@ -42,7 +40,7 @@ class GarmentFile:
     def __init__(self, path: Path | str, command: str = GENERATE) -> None:
         self.path = Path(path)
         with open_hdf5(self.path, command) as file, reading(self.path, AGAIN):
-            self.index = _index_of(file, self.path, command)
+            self.index = index_of(file, self.path, command)
         self._stamp = self._found_stamp()
         self._meshes: dict[str | bytes, ClothMesh] = {}
         self._check_length()
@@ -124,6 +122,21 @@ class GarmentFile:
         if name not in SPLITS:
             raise DrapeError(f"{self.path}: split {name!r}; expected one of {', '.join(SPLITS)}")
         return tuple(key for key in self.names if self.index.groups["sequences"][key]["split"] == name)
+
+    def numbers(self, split: str, fabrics: Sequence[str]) -> list[int]:
+        """The sequences of a split that are of these fabrics, as numbers that count through :attr:`sequences`.
+
+        Raises:
+            DrapeError: there is none.
+        """
+        names = set(self.split(split))
+        found = [k for k, each in enumerate(self.sequences) if each.name in names and each.fabric in fabrics]
+        if not found:
+            raise DrapeError(
+                f"{self.path}: split {split}: found no sequence of {', '.join(fabrics)}; expected some; generate more "
+                "sequences or choose other fabrics"
+            )
+        return found
 
     def sequence(self, name: str) -> GarmentSequence:
         """One sequence; its frames are read when they are asked for.
@@ -229,47 +242,3 @@ class GarmentFile:
         names = {entry.name: f"{kind}/{group}/{entry.name}" for entry in FIELDS[kind]}
         arrays = {key: self.array(name) for key, name in names.items() if name in self.index.layouts}
         return STORED[kind](**attributes, **arrays, **more)
-
-
-def open_hdf5(path: Path, command: str) -> h5py.File:
-    """Open a file for reading; ``command`` is what makes such a file.
-
-    Raises:
-        DrapeError: no such file, not HDF5, or cut off.
-    """
-    if not path.is_file():
-        raise DrapeError(f"{path}: no such file; make it with: {command}")
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:
-        raise DrapeError(
-            f"{path}: found {path.stat().st_size} bytes that are no whole HDF5 file ({error}); it is cut off or "
-            f"something else: move it away and run {command}"
-        ) from None
-    try:
-        with reading(path, f"make it again with: {command}"):
-            check_hdf5(file, path)
-    except DrapeError:
-        file.close()
-        raise
-    return file
-
-
-def _index_of(file: h5py.File, path: Path, command: str) -> Index:
-    """The index of a file of any format and version."""
-    kind, version = (plain(file.attrs.get(name, "nothing")) for name in ("format", "schema_version"))
-    versions = range(1, VERSIONS.get(kind, 0) + 1) if isinstance(kind, str) else ()
-    if version not in versions:
-        name, found, known = ("schema_version", version, versions) if versions else ("format", kind, VERSIONS)
-        raise DrapeError(
-            f"{path}: attribute {name}: found {found!r}; expected {' or '.join(map(repr, known))}; this is no data set "
-            f"of this version, make one with: {command}"
-        )
-    if kind == SHEETS:
-        return index_of_sheets(file, path)
-    if kind == RECORDINGS and version == 1:
-        return index_of_recordings(file, path)
-    index = Index.of_groups(file, path)
-    if kind == GARMENTS and version == 1:
-        earlier_friction.mend(index.attributes, index.groups["sequences"], path)
-    return index

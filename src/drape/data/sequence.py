@@ -104,12 +104,14 @@ class GarmentSequence:
 
     @cached_property
     def body_faces(self) -> Int[np.ndarray, "body_faces 3"]:
-        return self.file.array(f"bodies/{self._worn_on()}/faces")
+        self.check_body()
+        return self.file.array(f"bodies/{self.body}/faces")
 
     @cached_property
     def body_rest_positions(self) -> Float[np.ndarray, "body_vertices 3"]:
         """The body in its rest pose [m]."""
-        return self.file.array(f"bodies/{self._worn_on()}/rest_positions")
+        self.check_body()
+        return self.file.array(f"bodies/{self.body}/rest_positions")
 
     @property
     def transforms(self) -> Float[np.ndarray, "frames joints 4 4"] | None:
@@ -130,6 +132,18 @@ class GarmentSequence:
     def is_carried(self) -> bool:
         """There are skinning weights of the garment, and transforms."""
         return self._has("transforms") and f"garments/{self.garment}/bones" in self.file.index.layouts
+
+    def check_body(self) -> None:
+        """Refuse a sheet.
+
+        Raises:
+            DrapeError: there is no body.
+        """
+        if not self.body:
+            raise DrapeError(
+                f"{self._where()}: is a sheet without a body; expected a garment on one: choose a data set that has "
+                "some, such as that of python src/generate.py data=garments"
+            )
 
     def carried(self, start: int, length: int) -> Float[np.ndarray, "frames vertices 3"]:
         """The garment as its skinning weights carry it in frames ``start`` to ``start + length`` (exclusive) [m]."""
@@ -153,7 +167,7 @@ class GarmentSequence:
     def _body(self, start: int, stop: int) -> Float[np.ndarray, "frames body_vertices 3"]:
         if self._has("transforms"):
             return self._posed(f"bodies/{self.body}", start, stop)
-        self._worn_on()
+        self.check_body()
         return self.file.array(f"sequences/{self.name}/body_positions", start, stop)
 
     def _posed(self, group: str, start: int, stop: int) -> Float[np.ndarray, "frames carried 3"]:
@@ -185,14 +199,6 @@ class GarmentSequence:
                 f"{self._where()}: is the motion of a body alone, without a garment; choose a sequence with one"
             )
         return self.garment
-
-    def _worn_on(self) -> str:
-        if not self.body:
-            raise DrapeError(
-                f"{self._where()}: is a sheet without a body; expected a garment on one: choose a data set that has "
-                "some, such as that of python src/generate.py data=garments"
-            )
-        return self.body
 
     def _where(self) -> str:
         return f"{self.file.path}: sequences/{self.name}"

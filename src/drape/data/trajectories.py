@@ -1,4 +1,4 @@
-"""Data sets that an energy is learned from: sheets that Blender made, or recordings of anyone's cloth."""
+"""Data sets for a purpose: cloth alone, that an energy is learned from, or garments on bodies, to animate."""
 
 from __future__ import annotations
 
@@ -23,4 +23,16 @@ def open_trajectories(path: Path | str) -> GarmentFile:
             )
         _ = sequence.mesh  # one that is no cloth is refused now
     file.check_frames()
+    return file
+
+
+def open_dressed(path: Path | str) -> GarmentFile:
+    """The data set at ``path``; every sequence has a body.
+
+    Raises:
+        DrapeError: see :class:`GarmentFile`; or a sheet.
+    """
+    file = GarmentFile(path)
+    for sequence in file.sequences:
+        sequence.check_body()
     return file

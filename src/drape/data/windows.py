@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from drape.data.sequence import GarmentSequence
 from drape.geometry.mesh_batch import MeshBatch
 
 
@@ -76,3 +77,10 @@ class Window:
         """``m (x(t+1) - 2x(t) + x(t-1)) / dt² - m g`` [N]: balanced by internal and damping forces (paper, eq. 9)."""
         acceleration = ((self.x_next - self.x) - (self.x - self.x_prev)) / self.dt**2
         return self.mass[:, None] * (acceleration - self.gravity)
+
+
+def mass_and_free(sequence: GarmentSequence) -> tuple[Float[Tensor, " vertices"], Bool[Tensor, " vertices"]]:
+    """Mass of each vertex [kg], and whether it is not pinned."""
+    free = torch.ones(sequence.mesh.num_vertices, dtype=torch.bool)
+    free[torch.from_numpy(sequence.pinned)] = False
+    return torch.from_numpy(sequence.mass), free

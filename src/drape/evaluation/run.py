@@ -8,7 +8,7 @@ from typing import NamedTuple
 from omegaconf import DictConfig
 
 from drape import config as conf
-from drape.data.hdf5 import GarmentFile
+from drape.data.trajectories import open_dressed
 from drape.evaluation.garments import evaluate
 from drape.evaluation.method import Method
 from drape.evaluation.output import save
@@ -33,7 +33,7 @@ def evaluate_config(config: DictConfig, overrides: list[str], simulator: str, en
         DrapeError: mistakes in the config or the data.
     """
     conf.check_config(config, contents="evaluate")
-    file, selection = GarmentFile(config.data.path), conf.instantiate(config.selection)
+    file, selection = open_dressed(config.data.path), conf.instantiate(config.selection)
     method = Method(config, file, overrides)
     name = config.name or method.named(simulator, energy)
     folder = Path(config.folder or f"{config.runs}/{file.path.stem}_{selection.split}/{name}")

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from drape.data.garment_frames import GarmentFrames, SampledGarmentFrames
-from drape.data.hdf5 import GarmentFile
+from drape.data.trajectories import open_dressed
 from drape.energy.force_balance import ForceBalance, best_ratios, force_balance, material_ratios
 from drape.energy.phys_material import PhysMaterial
 from drape.errors import DrapeError
@@ -56,7 +56,7 @@ class MaterialDataModule(lightning.LightningDataModule):
         seed: int,
     ):
         super().__init__()
-        self.file = GarmentFile(path)
+        self.file = open_dressed(path)
         unknown = [name for name in fabrics if name not in self.file.fabrics]
         if unknown:
             raise DrapeError(f"{path}: no fabric {', '.join(unknown)}; it has {', '.join(self.file.fabrics)}")
