@@ -8,6 +8,7 @@ import numpy as np
 
 from drape.data.schema import AGAIN
 from drape.errors import DrapeError
+from drape.stored import sound
 
 SUM_ERROR = 1e-3
 """Skinning weights of a vertex sum to 1 within this."""
@@ -62,9 +63,9 @@ def check_weights(arrays: Mapping[str, np.ndarray], where: str) -> int:
 
 
 def _check_finite(arrays: Mapping[str, np.ndarray], name: str, where: str) -> None:
-    finite = np.isfinite(arrays[name])
-    if not finite.all():
-        vertex = int(np.argmin(finite.all(axis=-1)))
+    usable = sound(arrays[name])
+    if not usable.all():
+        vertex = int(np.argmin(usable.all(axis=-1)))
         raise DrapeError(
-            f"{where}/{name}: vertex {vertex}: found {arrays[name][vertex]}; expected finite numbers; {AGAIN}"
+            f"{where}/{name}: vertex {vertex}: found {arrays[name][vertex]}; expected finite numbers below 1e15; {AGAIN}"
         )
