@@ -26,6 +26,8 @@ FAMILIES = {
 """Colours by family."""
 MARKERS = ("o", "s", "^", "D", "v")
 """One for each size, the smallest first."""
+NEAR = 0.94
+"""Ratio of two errors from which on their labels would touch."""
 NEEDS = {
     "real time": "30 frames per second",
     "preview": "the fastest within 1.5 times the least error",
@@ -171,10 +173,16 @@ def _draw_size(axis: Axes, size: Size, marker: str, ink: str) -> None:
 
 
 def _name_rows(axis: Axes, size: Size) -> None:
-    """Each row, beside its point of this size."""
-    for label, row in size.rows.items():
-        colour = FAMILIES[family(row)]
-        axis.annotate(label, size.points[label], (6, 3), textcoords="offset points", fontsize=7, color=colour)
+    """Each row, right of its point of this size, a line lower where the one above is near; a solver by its budget."""
+    above = float("inf")
+    for label, (time, error) in sorted(size.points.items(), key=lambda item: -item[1][1]):
+        name = family(size.rows[label])
+        text = label.partition(", ")[2] or label if name.startswith("solver") else label
+        axis.annotate(
+            text, (time, error), (7, 3 if error < NEAR * above else -8), textcoords="offset points", fontsize=7,
+            color=FAMILIES[name],
+        )  # fmt: skip
+        above = error
 
 
 def _point(row: GarmentRow) -> tuple[float, float] | None:
