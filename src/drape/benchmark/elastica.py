@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -19,8 +20,8 @@ class _Level:
 
     terminal = True
 
-    def __call__(self, _: float, y: np.ndarray) -> float:
-        return y[0]
+    def __call__(self, _: float, y: Sequence[float] | np.ndarray) -> float:
+        return float(y[0])
 
 
 def strip(tip: float) -> tuple[float, float]:
