@@ -174,15 +174,14 @@ def _draw_size(axis: Axes, size: Size, marker: str, ink: str) -> None:
 
 def _name_rows(axis: Axes, size: Size) -> None:
     """Each row, right of its point of this size, a line lower where the one above is near; a solver by its budget."""
-    above = float("inf")
+    above = 0.0, float("inf")
     for label, (time, error) in sorted(size.points.items(), key=lambda item: -item[1][1]):
         name = family(size.rows[label])
         text = label.partition(", ")[2] or label if name.startswith("solver") else label
-        axis.annotate(
-            text, (time, error), (7, 3 if error < NEAR * above else -8), textcoords="offset points", fontsize=7,
-            color=FAMILIES[name],
-        )  # fmt: skip
-        above = error
+        touches = time < 2 * above[0] and error > NEAR * above[1]
+        place = {"xytext": (7, -8 if touches else 3), "textcoords": "offset points"}
+        axis.annotate(text, (time, error), **place, fontsize=7, color=FAMILIES[name])
+        above = time, error
 
 
 def _point(row: GarmentRow) -> tuple[float, float] | None:
