@@ -179,8 +179,8 @@ def _name_rows(axis: Axes, size: Size) -> None:
         name = family(size.rows[label])
         text = label.partition(", ")[2] or label if name.startswith("solver") else label
         touches = time < 2 * above[0] and error > NEAR * above[1]
-        place = {"xytext": (7, -8 if touches else 3), "textcoords": "offset points"}
-        axis.annotate(text, (time, error), **place, fontsize=7, color=FAMILIES[name])
+        offset, colour = (7, -8 if touches else 3), FAMILIES[name]
+        axis.annotate(text, (time, error), offset, textcoords="offset points", fontsize=7, color=colour)
         above = time, error
 
 
