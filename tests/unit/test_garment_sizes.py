@@ -70,7 +70,7 @@ def test_the_table_has_both_numbers_of_each_size_and_the_exponent(tmp_path):
     assert [family(found[0].rows[row[0]]) for row in table.rows] == ["without dynamics", "solver"]
     assert table.rows[1][3] == "1.50"
     assert table.rows[1][1].endswith(" / 9")
-    assert any("real time" in note and "skinned" in note for note in table.footnotes)
+    assert "For real time (30 frames per second): skinned (500 vertices); skinned (2000 vertices)." in table.note
 
 
 def test_the_figure_is_drawn(tmp_path):

@@ -116,15 +116,14 @@ def size_tables(evaluations: Sequence[EvaluationRecord]) -> list[Table]:
     for need, meaning in NEEDS.items():
         advised = [(size, recommended(size)) for size in found]
         taken = [f"{advice[need]} ({size.vertices:.0f} vertices)" for size, advice in advised if need in advice]
-        notes.append(f"{need} ({meaning}): {'; '.join(taken) or 'nothing is as fast'}")
+        notes.append(f"For {need} ({meaning}): {'; '.join(taken) or 'nothing is as fast'}.")
     floors = [f"{size.floor:.2g} mm at {size.vertices:.0f} vertices" for size in found if size.floor is not None]
     table = Table(
         "Which way to animate a garment",
         ("method", *(f"{size.vertices:.0f} vertices" for size in found), "time ~ vertices^p"),
         tuple(rows),
         "Time per frame [ms] / mean vertex error [mm]: the same garments in several resolutions, each compared with "
-        f"its own recording. Noise floors: {', '.join(floors)}.",
-        tuple(notes),
+        f"its own recording. Noise floors: {', '.join(floors)}. {' '.join(notes)}",
     )
     return [table]
 
