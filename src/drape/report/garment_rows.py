@@ -162,6 +162,11 @@ def garment_rows(records: Sequence[EvaluationRecord]) -> list[GarmentRow]:
     return sorted(_told_apart(rows), key=_error, reverse=True)
 
 
+def noise_floor(rows: Sequence[GarmentRow]) -> float | None:
+    """Mean error of the noise floor [mm], which every row on the same data says; None where the data have none."""
+    return next((floor.mean for row in rows if (floor := row.over_seeds("floor_mm")) is not None), None)
+
+
 def _error(row: GarmentRow) -> float:
     """Overall [mm]; infinite where no frame of it was finite."""
     error = row.over_seeds("error_mm")

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from drape.metrics.record import EvaluationRecord
 from drape.report.figure_theme import INK, save_figure, themed, written_out
-from drape.report.garment_rows import GarmentRow, by_data, garment_rows
+from drape.report.garment_rows import GarmentRow, by_data, garment_rows, noise_floor
 from drape.report.table import Table
 
 SEQUENCES = "sequences.csv"
@@ -61,11 +61,10 @@ def sizes(evaluations: Sequence[EvaluationRecord]) -> list[Size]:
         vertices = [number for record in group for number, _ in _costs(record)]
         if vertices:
             rows = garment_rows(group)
-            floors = [spread.mean for row in rows if (spread := row.over_seeds("floor_mm")) is not None]
             points = {row.label: point for row in rows if not row.is_twin and (point := _point(row)) is not None}
             known = {row.label: row for row in rows if row.label in points}
             lot = lots.setdefault(len(group[0].data["sequences"]), [])
-            lot.append(Size(float(np.mean(vertices)), known, points, floors[0] if floors else None))
+            lot.append(Size(float(np.mean(vertices)), known, points, noise_floor(rows)))
     most = max(lots.values(), key=len, default=[])
     return sorted(most, key=lambda size: size.vertices) if len(most) > 1 else []
 
@@ -76,7 +75,8 @@ def family(row: GarmentRow) -> str:
         return "networks"
     if not row.is_solver:
         return "without dynamics"
-    return "solver, nothing crosses" if "ipc" in str(row.records[0].method) else "solver"
+    contact = row.records[0].method.get("contact") or {}
+    return "solver, nothing crosses" if contact.get("_target_", "").endswith(".IpcContact") else "solver"
 
 
 def exponent(label: str, found: Sequence[Size]) -> float | None:

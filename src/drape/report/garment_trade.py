@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from drape.evaluation.scored_sequence import write_rows
 from drape.report.figure_theme import INK, legend_below, save_figure, themed, written_out
 from drape.report.garment_colours import row_styles
-from drape.report.garment_rows import GarmentRow
+from drape.report.garment_rows import GarmentRow, noise_floor
 
 COLUMNS = ("ms_per_frame", "error_mm", "error_mm_std", "floor_mm", "collision_percent", "inside_percent")
 MARKERS = {"trained": "o", "solver": "s", "baseline": "D"}
@@ -61,11 +61,11 @@ def draw_garment_trade(rows: Sequence[GarmentRow], path: Path, *, dark: bool = F
         styles = row_styles(rows)
         for row in (row for row in rows if row.label in shown):
             _draw_point(axis, row, styles[row.label]["color"])
-        floors = [floor.mean for row in rows if (floor := row.over_seeds("floor_mm")) is not None]
-        if floors:
-            axis.axhline(floors[0], color=INK[dark], linestyle=":", linewidth=1)
+        floor = noise_floor(rows)
+        if floor is not None:
+            axis.axhline(floor, color=INK[dark], linestyle=":", linewidth=1)
             axis.annotate(
-                f"noise floor {floors[0]:.2g} mm", (1.0, floors[0]), (-2, 4), xycoords=("axes fraction", "data"),
+                f"noise floor {floor:.2g} mm", (1.0, floor), (-2, 4), xycoords=("axes fraction", "data"),
                 textcoords="offset points", fontsize=8, ha="right",
             )  # fmt: skip
         axis.set(xscale="log", yscale="log", xlabel="time per frame [ms]", ylabel="mean vertex error [mm]")

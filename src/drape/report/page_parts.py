@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drape.report.clips import RECORDED, Lane, ShownSequence
-from drape.report.garment_rows import FLOOR, PAPER, GarmentRow
+from drape.report.garment_rows import FLOOR, PAPER, GarmentRow, noise_floor
 from drape.report.table import Table, number
 from drape.report.tables import OF_PAPER
 
@@ -99,9 +99,9 @@ def tiles(rows: Sequence[GarmentRow]) -> list[Tile]:
         if choice:
             row, error = min(choice, key=lambda each: each[1])
             found.append(Tile(f"{number(error)} mm", f"best {kind}: {row.label}"))
-    floor = next((floor for row in rows if (floor := row.over_seeds("floor_mm")) is not None), None)
+    floor = noise_floor(rows)
     if floor is not None:
-        found.append(Tile(f"{number(floor.mean)} mm", "noise floor: the same simulation, started 1e-6 m to the side"))
+        found.append(Tile(f"{number(floor)} mm", "noise floor: the same simulation, started 1e-6 m to the side"))
     return found
 
 
