@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from drape.data.form_hdf5 import Forms, read_forms
 from drape.data.formats import open_hdf5
 from drape.data.schema import Field, plain
-from drape.data.schema_check import check_field, check_kinds
+from drape.data.schema_check import check_dataset, check_kinds
 from drape.errors import DrapeError
 from drape.scene.obstacle import Obstacle
 from drape.scene.scene import Scene
@@ -138,10 +138,11 @@ class AnimationFile:
         check_kinds(self._file.attrs, self.path)
         lengths: dict[str, int] = {}
         for entry in (*FIELDS, *(BODY if "body" in self._file else ())):
-            check_field(self._file, self.path, entry, lengths)
+            check_dataset(self._file.get(entry.name), self.path, entry, lengths)
         for name in plain(self._file.attrs["columns"]):
             unit = plain(self._file[f"numbers/{name}"].attrs["units"]) if f"numbers/{name}" in self._file else "1"
-            check_field(self._file, self.path, Field(f"numbers/{name}", ("frames",), "float64", unit, ""), lengths)
+            entry = Field(f"numbers/{name}", ("frames",), "float64", unit, "")
+            check_dataset(self._file.get(entry.name), self.path, entry, lengths)
 
     def _check_values(self) -> None:
         """Refuse what no animation can have: faces of no vertex, nothing that weighs, more frames than were wanted."""

@@ -53,20 +53,13 @@ def check_attributes(file: h5py.File, path: Path, expected: Mapping[str, str]) -
     return {name: plain(value) for name, value in file.attrs.items()}
 
 
-def check_field(file: h5py.File, path: Path, field: Field, lengths: dict[str, int]) -> None:
-    """Check shape, kind of number and unit of one dataset; ``lengths`` gains the dimensions seen for the first time.
+def check_dataset(dataset: object, path: Path, field: Field, lengths: dict[str, int]) -> None:
+    """Check shape, kind of number and unit of what was found under the name of a field; None: nothing was.
+
+    ``lengths`` gains the dimensions seen for the first time.
 
     Raises:
         DrapeError: path, name, what was found, what was expected.
-    """
-    check_dataset(file.get(field.name), path, field, lengths)
-
-
-def check_dataset(dataset: object, path: Path, field: Field, lengths: dict[str, int]) -> None:
-    """As :func:`check_field`, of what was found under the name of the field.
-
-    Raises:
-        DrapeError: as :func:`check_field`.
     """
     dims = ", ".join(str(lengths.get(dim, dim)) for dim in field.dims)
     expected = f"expected {field.dtype} of shape ({dims})"
