@@ -225,9 +225,10 @@ def _filled(value: float) -> Callable[[h5py.File, str, Path], bool | None]:
         whole_number = values.dtype.kind in "iu"
         if not values.size or values.dtype == bool or (whole_number and not np.isfinite(value)):
             return False
-        if name.startswith("numbers/") or (name.endswith(("attempts", "v")) and np.isfinite(value)):
+        # An animation may hold huge numbers: of a simulator that diverged.
+        if name.startswith("numbers/") or ((name.endswith(("attempts", "v")) or name == "x") and np.isfinite(value)):
             return False
-        values[(-1,) * values.ndim] = 10**6 if whole_number else value
+        values[(-1,) * values.ndim] = min(10**6, np.iinfo(values.dtype).max) if whole_number else value
         file[name][()] = values
         return None
 
