@@ -19,8 +19,7 @@ from drape.geometry.grid import square_grid
 from drape.geometry.mesh_batch import MeshBatch
 term = HingeElastic(read_baked("src/drape/checkpoints/eunet_hinge_silk.npz"), transfer=True)
 mesh = MeshBatch.from_meshes([square_grid(1.0, 30)])
-term.edges(mesh)
-edges, tables = term._compiled()
+edges, tables = term._compiled(term.edges(mesh), mesh.rest_positions)
 x = mesh.rest_positions.numpy() + np.random.default_rng(0).normal(0.0, 0.02, (900, 3))
 data = np.zeros(78 * mesh.num_edges)
 add_hessian(x, edges, tables, mesh.num_edges, data, np.arange(len(data), dtype=np.int32).reshape(-1, 78))

@@ -10,10 +10,12 @@ import torch
 from torch import Tensor
 
 from drape.energy.law.damping import Damping
+from drape.energy.law.edge_law import NetworkLaw
 from drape.energy.law.eunet import EUNet
 from drape.energy.law.hinge_law import NetworkHinges
 from drape.energy.step import Step
 from drape.energy.terms.hinge_elastic import Damping as DampingTerm
+from drape.errors import DrapeError
 from drape.geometry.edge_geometry import EdgeGeometry
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh import ClothMesh
@@ -111,6 +113,18 @@ def test_the_term_of_a_solver_has_the_energy_of_the_units(dt):
     learned = evaluated(of_constants(DAMPER, DRAG), step.x, x_next, step.mesh)[0].sum()
     found = DampingTerm(law, transfer=False)(x_next, replace(step, dt=dt))
     torch.testing.assert_close(found, (DT / dt * learned)[None], rtol=1e-6, atol=0.0)
+
+
+@pytest.mark.parametrize(("potential", "dissipation"), [("hinge", "speed"), ("mlp", "damping"), ("mlp", "none")])
+def test_hinges_are_told_apart_from_units_that_no_solver_knows_dampers_of(potential, dissipation):
+    with pytest.raises(DrapeError, match=r"expected HingePotential and Damping.*model/dissipation=damping or zero"):
+        NetworkHinges(make_energy(potential, dissipation), VECTOR, face_area=0.01, dt=DT)
+
+
+def test_the_papers_law_takes_only_the_papers_drag():
+    with pytest.raises(DrapeError, match=r"found units Damping .*model/dissipation=speed or zero"):
+        NetworkLaw(make_energy("mlp", "damping"), face_area=0.01, dt=DT)
+    assert not NetworkLaw(make_energy("mlp", "none"), face_area=0.01, dt=DT).dissipates
 
 
 def dragged(step: Step, *, transfer: bool) -> Tensor:

@@ -46,3 +46,13 @@ def test_factors_are_freed_with_their_owner():
     del factors
     gc.collect()
     assert not close.alive
+
+
+@pytest.mark.skipif(Factorisation().library != "PARDISO", reason="SuperLU keeps the factors of the last good matrix")
+def test_there_is_no_solution_without_factors():
+    factors = Factorisation()
+    factors.factorise(sparse.triu(chain(1.0), format="csr"))
+    with pytest.raises(ArithmeticError):
+        factors.factorise(sparse.triu(chain(1.0) - 9.0 * sparse.eye_array(30), format="csr"))
+    with pytest.raises(ArithmeticError, match="there are no factors"):
+        factors.solve(np.ones(30))

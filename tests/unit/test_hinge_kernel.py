@@ -19,6 +19,7 @@ from drape.energy.term import EnergyTerm
 from drape.energy.terms.hinge_elastic import HingeElastic
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh import ClothMesh
+from drape.geometry.mesh_batch import MeshBatch
 from drape.linalg.stencil_sum import Filled
 from tests.conftest import bent
 from tests.terms import assembled, baked, converted, make_step, written_out
@@ -256,10 +257,11 @@ def test_another_cloth_and_another_precision():
 
 def test_only_for_tables_and_the_processor():
     fast, slow = both(False)
-    x = torch.zeros(3, 3)
-    assert fast._compiles(x)
-    assert not fast._compiles(x.to("meta"))
-    assert not slow._compiles(x)
+    mesh = MeshBatch.from_meshes([triangle()])
+    edges, x = fast.edges(mesh), torch.zeros(3, 3)
+    assert fast._compiled(edges, x) is not None
+    assert fast._compiled(edges, x.to("meta")) is None
+    assert slow._compiled(edges, x) is None
 
 
 @compiled

@@ -12,6 +12,7 @@ from scipy import optimize
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.law.spring_hinge import SpringHingeLaw
 from drape.energy.terms.bending import Bending
+from drape.energy.terms.contact import SurfaceContact
 from drape.energy.terms.hinge_elastic import Damping, HingeElastic
 from drape.energy.terms.stvk import StVK
 from drape.errors import DrapeError
@@ -167,6 +168,15 @@ def test_between_frames_pins_and_body_are_on_a_straight_way():
     step = steps.step(scene.initial, 2.25, 3.0)
     ends = [part[0, 2].item() + steps.origin(scene.initial)[2] for part in (step.obstacle.x, step.obstacle.x_next)]
     assert ends == pytest.approx([-0.9475, -0.91])
+
+
+def test_a_scene_of_cloth_alone_has_no_pins_and_nothing_near():
+    scene = scene_of()
+    steps = solver_of(scene).steps
+    step = steps.step(scene.initial, 0.0, 1.0)
+    assert steps.pin_targets(1.0).shape == (0, 3)
+    assert steps.with_near_at(step, step.x, scene.initial.x, 1.0) is step
+    assert SurfaceContact().sharp_points(scene) is None
 
 
 def ground(size: float, height: float) -> Obstacle:

@@ -211,9 +211,9 @@ def test_nearest_points(device, monkeypatch):
     distance = torch.cdist(points, targets).masked_fill(of_point[:, None] != of_target, torch.inf)
     for k in range(40):
         expected = distance[k].argsort()[:4]
-        assert near.index[k][near.found[k]].tolist() == expected[distance[k][expected] <= 0.4].tolist()
+        assert near.targets[k][near.found[k]].tolist() == expected[distance[k][expected] <= 0.4].tolist()
     assert 0 < near.found.sum() < 160
-    assert torch.equal(near.pairs(near.found)[1], near.index[near.found])
+    assert torch.equal(near.pairs(near.found)[1], near.targets[near.found])
 
 
 def test_world_and_mesh_neighbours_are_apart(step):

@@ -60,10 +60,10 @@ class Collisions:
             )
         count = len(rest_positions)
         self.cloth = Meeting(rest_positions, faces, count, ipctk.CollisionFilter(), self_distance, self_stiffness)
-        self.body = None
-        if body is not None:
+        self.body: Meeting | None = None
+        if body is not None and body_faces is not None:
             both = np.concatenate([faces, body_faces + count])
-            apart = ipctk.make_vertex_patches_filter(np.repeat(np.int32([0, 1]), [count, len(body)]))
+            apart = ipctk.make_vertex_patches_filter(np.repeat(np.array([0, 1], np.int32), [count, len(body)]))
             rest = np.concatenate([rest_positions, body])
             self.body = Meeting(rest, both, count, apart, body_distance or 0.0, body_stiffness)
 
@@ -75,7 +75,7 @@ class Collisions:
     def energy_and_gradient(self, x: Cloth, body: Body = None) -> tuple[float, Cloth]:
         """Barrier of cloth and cloth, and of cloth and body [J], and its gradient [N]."""
         parts = [meeting.energy_and_gradient(points) for meeting, points in self._meetings(x, body)]
-        return sum(energy for energy, _ in parts), sum(gradient for _, gradient in parts)
+        return sum((energy for energy, _ in parts), 0.0), sum((gradient for _, gradient in parts), np.zeros(x.shape))
 
     def hessian(self, x: Cloth, body: Body = None) -> sparse.csr_array:
         """Upper triangle of the Gauss-Newton Hessian [N/m], of 3V coordinates; positive semi-definite."""
@@ -110,8 +110,7 @@ class Collisions:
         return [(meeting, hits(meeting.mesh, points)) for meeting, points in self._meetings(x, body)]
 
     def _meetings(self, x: Cloth, body: Body) -> list[tuple[Meeting, Float[np.ndarray, "points 3"]]]:
-        cloth, *both = self._points(x, body)
-        return [(self.cloth, cloth)] + [(self.body, points) for points in both]
+        return list(zip(filter(None, (self.cloth, self.body)), self._points(x, body), strict=True))
 
     def _points(self, x: Cloth, body: Body) -> list[Float[np.ndarray, "points 3"]]:
         """Points of the cloth, and of cloth and body where there is one, as ipctk wants them."""

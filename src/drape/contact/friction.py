@@ -64,7 +64,8 @@ class Friction:
         """[J] and [N]."""
         ways = zip(self._parts, self._points(x_from, body_from), self._points(x_to, body_to), strict=True)
         parts = [part.energy_and_gradient(end - start) for part, start, end in ways]
-        return sum(energy for energy, _ in parts), sum(gradient[: self._count] for _, gradient in parts)
+        gradients = (gradient[: self._count] for _, gradient in parts)
+        return sum((energy for energy, _ in parts), 0.0), sum(gradients, np.zeros((self._count, 3)))
 
     def hessian(self, x_from: Cloth, body_from: Body, x_to: Cloth, body_to: Body) -> sparse.csr_array:
         """Upper triangle [N/m] of 3V coordinates; positive semi-definite."""

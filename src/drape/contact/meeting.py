@@ -75,7 +75,7 @@ class Meeting:
     def energy_and_gradient(self, points: Points) -> tuple[float, Float[np.ndarray, "free 3"]]:
         """Barrier [J] and its gradient [N]."""
         near = self.collisions(points)
-        if not len(near):
+        if self.potential is None or not len(near):
             return 0.0, np.zeros((self.free, 3))
         gradient = self.potential.gradient(near, self.mesh, points).reshape(-1, 3)
         return float(self.potential(near, self.mesh, points)), gradient[: self.free]

@@ -49,7 +49,8 @@ def untangle(
             best, fewest, remaining = now.copy(), count, found
         if not count:
             break
-        move = sum(_moves(meeting, each, points, step)[: len(x)] for meeting, each, points in _placed(found, now, body))
+        parts = (_moves(*part, step)[: len(x)] for part in _placed(found, now, body))
+        move = sum(parts, np.zeros_like(now))
         move[held] = 0.0
         moved |= move.any(axis=1)
         now += move

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from drape.data.datamodule import TrajectoryDataModule
+from drape.energy.law.baked.hinges import BakedHinges
 from drape.energy.law.deformation import Deformation, Stretch
 from drape.energy.law.edge_law import EdgeLaw, StretchOnly
 from drape.energy.law.hinge_law import HingeLaw, WithoutHinges
@@ -95,11 +96,11 @@ def spring_hinge(
     data = TrajectoryDataModule(path, [material.name], 1, 50, dict.fromkeys(ATTRIBUTES, 1.0), seed=None)
     fitted = SpringHingeLaw.fit(data.windows_apart(windows, 50, instruments), len(data.file.fabrics))
     law = fitted.of_fabric(data.file.fabrics.index(material.name), material, data.face_area, float(data.file.dt))
-    return of_law(at_density(law, material, areal_density), transfer)
+    return Fabric(_terms(at_density(law, material, areal_density), transfer, None), law.attributes)
 
 
-def of_law(law: HingeLaw, transfer: bool = True) -> Fabric:
-    """The energies of a law on hinges that is there already; see :class:`HingeElastic` for ``transfer``."""
+def of_law(law: BakedHinges, transfer: bool = True) -> Fabric:
+    """The energies of a table that is there already; see :class:`HingeElastic` for ``transfer``."""
     return Fabric(_terms(law, transfer, None), law.attributes)
 
 

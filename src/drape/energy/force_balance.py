@@ -94,9 +94,12 @@ def feels_contact(x_next: Float[Tensor, "vertices 3"], step: Step) -> Bool[Tenso
 
     By the body: within :data:`CLEARANCE` of a face. By the cloth itself: within it of a vertex that is more than twice
     as far at rest.
+
+    Raises:
+        DrapeError: a step without body.
     """
     touched = torch.zeros(len(x_next), dtype=torch.bool, device=x_next.device)
-    body, mesh = step.obstacle, step.mesh
+    body, mesh = step.body, step.mesh
     for x, place in ((step.x, body.x), (x_next, body.x_next)):
         near = NearestFaces.find(x, mesh.mesh_of_vertex, body.faces, body.mesh_of_face, place, place)
         touched[near.points[near.distance.abs() <= CLEARANCE]] = True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import torch
@@ -12,12 +12,12 @@ from scipy import sparse
 from torch import Tensor, nn
 
 from drape.energy.step import Step
-from drape.energy.term import EnergyTerm, array
+from drape.energy.term import EnergyTerm, Stencils, array
 from drape.energy.terms.contact import Contact, SurfaceContact
 from drape.energy.terms.free_motion import ExternalForce, Gravity, Inertia
 from drape.energy.terms.friction import Friction
 from drape.energy.terms.ipc import Barrier
-from drape.linalg.stencil_sum import StencilSum
+from drape.linalg.stencil_sum import Filled, StencilSum
 from drape.scene.scene import Scene
 
 
@@ -63,7 +63,7 @@ class IncrementalPotential(nn.Module):
 
     def __init__(self, terms: Sequence[EnergyTerm], reasons: dict[str, str] | None = None):
         super().__init__()
-        self.terms = nn.ModuleList(terms)
+        self.terms = cast(Sequence[EnergyTerm], nn.ModuleList(terms))  # of any modules, as far as types say
         self.reasons = reasons or {}
         self._stencils = {rough: StencilSum() for rough in (True, False)}
 
@@ -109,11 +109,13 @@ class IncrementalPotential(nn.Module):
     def evaluate(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Evaluation:
         """Energy, gradient and the energy of each term; no graph."""
         made = step.once((self, "kernels"), lambda: [(t, t.kernel(step), t.relative_rounding) for t in self.terms])
-        x, summed, total, energies, rounding = array(x_next), np.zeros(x_next.shape), None, {}, 0.0
+        x, summed, rounding = array(x_next), np.zeros(x_next.shape), 0.0
+        energies: dict[str, float] = {}
+        total: Tensor | None = None
         for term, kernel, relative in made:
             if kernel is not None:
-                energies[term.name], gradient = kernel(x)
-                summed += gradient
+                energies[term.name], slope = kernel(x)
+                summed += slope
             else:
                 energy, gradient = term.energy_and_gradient(x_next, step)
                 energies[term.name] = float(energy.sum())
@@ -129,7 +131,8 @@ class IncrementalPotential(nn.Module):
 
         Only the upper triangle is there.
         """
-        pieces, others = [], []
+        pieces: list[Stencils | Filled] = []
+        others: list[sparse.csr_array] = []
         for term in self.terms:
             better, loose = None if rough else term.hessian(x_next, step), term.loose_hessian(x_next, step)
             if better is None:
@@ -145,9 +148,9 @@ def _reason(term: EnergyTerm, scene: Scene) -> str:
             return "the cloth has mass"
         case Gravity():
             return f"gravity is {np.linalg.norm(scene.gravity):.4g} m/s²"
-        case ExternalForce():
+        case ExternalForce() if scene.external_force is not None:
             return f"a constant force of {np.linalg.norm(scene.external_force.sum(0)):.4g} N in all"
-        case Contact():
+        case Contact() if scene.obstacle is not None:
             sharp = term.sharp_points(scene)
             asked = "" if sharp is None else f", {len(sharp)} sharp points of it, for which the cloth is too coarse"
             return f"a body of {len(scene.obstacle.faces)} faces{asked}"

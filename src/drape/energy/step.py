@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
@@ -74,6 +74,17 @@ class Step:
         """The points of the cloth that can touch bodies: ``touching``, or the vertices."""
         return SurfacePoints.of(self.mesh) if self.touching is None else self.touching
 
+    @property
+    def body(self) -> ObstacleStep:
+        """The ``obstacle`` of a step that has one.
+
+        Raises:
+            DrapeError: a step without obstacle.
+        """
+        if self.obstacle is None:
+            raise DrapeError("nearest faces: the step has no obstacle; add terms of contact only to scenes with one")
+        return self.obstacle
+
     @cached_property
     def near(self) -> NearestFaces:
         """The face of the bodies that each point of ``surface`` is nearest to at t; searched once, for all who ask.
@@ -83,10 +94,7 @@ class Step:
         Raises:
             DrapeError: a step without obstacle.
         """
-        if self.obstacle is None:
-            raise DrapeError("nearest faces: the step has no obstacle; add terms of contact only to scenes with one")
-        body = self.obstacle
-        points = self.surface.at(self.x)
+        body, points = self.body, self.surface.at(self.x)
         return NearestFaces.find(points, self.surface.mesh_of_point, body.faces, body.mesh_of_face, body.x, body.x_next)
 
     def near_vertices(self, reach: float) -> NearestFaces:
@@ -106,7 +114,7 @@ class Step:
         return step
 
     @cached_property
-    def _kept(self) -> dict[Hashable, object]:
+    def _kept(self) -> dict[Hashable, Any]:
         return {}
 
     def sum_stencils(self, per_stencil: Float[Tensor, " stencils"], vertex: Int[Tensor, " stencils"]) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -73,7 +73,7 @@ class EnergyTerm(nn.Module, ABC):
         """The same for many positions in one step, without tensors; None where there is none, as on a device."""
         return None
 
-    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils | Filled]:
+    def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Sequence[Stencils | Filled]:
         """A positive semi-definite approximation of the Hessian at ``x_next``, piece by piece; [] if it is zero."""
         return []
 

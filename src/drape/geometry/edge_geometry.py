@@ -47,6 +47,8 @@ class MeshAtRest(Topology, Protocol):
 
     @property
     def rest(self) -> EdgeGeometry: ...
+    @property
+    def rest_lengths(self) -> Float[Tensor, " edges"]: ...
 
 
 def safe_norm(vector: Float[Tensor, "..."], smallest: Tensor | float, dim: int = -1) -> Float[Tensor, "..."]:
@@ -160,6 +162,11 @@ class EdgeGeometry:
     @property
     def _at_rest(self) -> EdgeGeometry:
         return cast(MeshAtRest, self.mesh).rest
+
+    @cached_property
+    def stretch(self) -> Float[Tensor, "... edges"]:
+        """Δl: the change of the length from ``mesh.rest_lengths`` [m]."""
+        return self.length - cast(MeshAtRest, self.mesh).rest_lengths
 
     @cached_property
     def turned(self) -> Float[Tensor, "... edges 4"]:

@@ -81,7 +81,9 @@ class NearestFaces:
             arm = points[near.point] - start.point
             along, height = (start.tangents * arm[:, None]).sum(-1), (start.normal * arm).sum(-1)
             parts = (part.to(x.dtype) for part in (near.barycentric, near.distance, along, height))
-            return cls(near.point, kept[near.face], *parts, start).until(all_faces, body_next)
+            barycentric, distance, along, height = parts
+            found = cls(near.point, kept[near.face], barycentric, distance, along, height, start)
+            return found.until(all_faces, body_next)
 
     def until(self, faces: Int[Tensor, "faces 3"], body_next: Float[Tensor, "body_vertices 3"]) -> NearestFaces:
         """The same for a step at whose end the body is at ``body_next`` [m]."""

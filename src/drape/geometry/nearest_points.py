@@ -18,7 +18,7 @@ APART = 1e6
 class NearestPoints(NamedTuple):
     """For each point the targets nearest to it, the nearest first."""
 
-    index: Int[Tensor, "points nearest"]
+    targets: Int[Tensor, "points nearest"]
     """0 where there are fewer."""
     found: Bool[Tensor, "points nearest"]
 
@@ -52,7 +52,7 @@ class NearestPoints(NamedTuple):
     def pairs(self, wanted: Bool[Tensor, "points nearest"]) -> Int[Tensor, "2 pairs"]:
         """(point, target) of the ``wanted`` ones."""
         point, place = wanted.nonzero(as_tuple=True)
-        return torch.stack([point, self.index[point, place]])
+        return torch.stack([point, self.targets[point, place]])
 
 
 def _apart(points: Tensor, mesh: Tensor) -> Tensor:

@@ -13,6 +13,9 @@ from torch import Tensor
 
 from drape.geometry.mesh_batch import MeshBatch
 
+Weights = tuple[float, ...]
+"""Of the corners of an edge or face."""
+
 
 class Kind(NamedTuple):
     """The points of all vertices, of all edges, or of faces."""
@@ -48,17 +51,19 @@ class SurfacePoints:
     def of(cls, mesh: MeshBatch, per_edge: int = 0, per_face: int = 0) -> SurfacePoints:
         """Of every cloth of a batch; each kind of points that is there carries the same share of the mass."""
         own = torch.arange(mesh.num_vertices, device=mesh.faces.device)[:, None]
-        inside = [((k + 1) / (per_edge + 1), 1 - (k + 1) / (per_edge + 1)) for k in range(per_edge)]
+        inside: list[Weights] = [((k + 1) / (per_edge + 1), 1 - (k + 1) / (per_edge + 1)) for k in range(per_edge)]
+        kinds: list[tuple[Tensor, list[Weights]]]
         kinds = [(own, [(1.0,)]), (mesh.edges, inside), (mesh.faces, IN_FACE[per_face])]
-        there = [(carriers, weights) for carriers, weights in kinds if weights]
-        rows, found = [], []
-        for carriers, weights in there:
-            each = torch.arange(len(carriers), device=carriers.device).repeat(len(weights))
+        there = [(carriers, of_kind) for carriers, of_kind in kinds if of_kind]
+        rows: list[tuple[Tensor, Tensor, Tensor]] = []
+        found: list[Kind] = []
+        for carriers, of_kind in there:
+            each = torch.arange(len(carriers), device=carriers.device).repeat(len(of_kind))
             found.append(Kind(sum(len(row[0]) for row in rows), carriers, each))
             count = carriers.reshape(-1).bincount(minlength=mesh.num_vertices).clamp(min=1)
-            share = 1.0 / (len(there) * len(weights) * count[carriers].double())
-            for row in weights:
-                weight = torch.tensor(row, dtype=torch.float64, device=share.device)
+            share = 1.0 / (len(there) * len(of_kind) * count[carriers].double())
+            for one in of_kind:
+                weight = torch.tensor(one, dtype=torch.float64, device=share.device)
                 rows.append((carriers, weight.expand(len(carriers), -1), share))
         vertices, weights, shares = (torch.cat([_padded(row[part], part == 0) for row in rows]) for part in range(3))
         dtype = mesh.rest_lengths.dtype
@@ -124,7 +129,11 @@ class ChosenPoints:
         return (mass[self.vertices] * self.surface.mass_shares[self.points].to(mass)).sum(-1)
 
 
-IN_FACE = {0: [], 1: [(1 / 3,) * 3], 3: [(2 / 3, 1 / 6, 1 / 6), (1 / 6, 2 / 3, 1 / 6), (1 / 6, 1 / 6, 2 / 3)]}
+IN_FACE: dict[int, list[Weights]] = {
+    0: [],
+    1: [(1 / 3,) * 3],
+    3: [(2 / 3, 1 / 6, 1 / 6), (1 / 6, 2 / 3, 1 / 6), (1 / 6, 1 / 6, 2 / 3)],
+}
 """Barycentric coordinates of the points in a face, by their number."""
 
 

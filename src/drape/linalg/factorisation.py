@@ -142,6 +142,8 @@ class _Pardiso:
 
     def _call(self, phase: int, right: np.ndarray) -> np.ndarray:
         """Call PARDISO; the solver's public way compares all entries in each solve, and knows double precision only."""
+        if self._entries is None:
+            raise ArithmeticError("there are no factors: no matrix, or the last one was not positive definite")
         self._solver.set_phase(phase)
         return self._solver._call_pardiso(self._entries, right.astype(self._entries.data.dtype))
 

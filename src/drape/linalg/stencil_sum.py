@@ -27,7 +27,7 @@ class Filled(NamedTuple):
 class _Pattern(NamedTuple):
     """Places of the entries of some stencils in the data of the upper triangle of a sparse matrix."""
 
-    places: list[Tensor | np.ndarray]
+    places: list[Tensor]
     """Of each set of stencils, ``entries``; of those that add themselves ``stencils pairs``, side by side in memory."""
     diagonal: Int[Tensor, "vertices pairs"]
     """Of the block of each vertex on the diagonal; all are there, whichever vertices stencils are of."""
@@ -44,7 +44,7 @@ class _Pattern(NamedTuple):
         *places, diagonal = place.split([some.numel() for some in keys])
         for k, piece in enumerate(pieces):
             if isinstance(piece, Filled):
-                places[k] = np.ascontiguousarray(places[k].int().view(-1, len(piece.vertices)).numpy().T)
+                places[k] = places[k].int().view(-1, len(piece.vertices)).T.contiguous()
         return cls(places, diagonal.view(-1, num_vertices).T, (found % size).int().numpy(), indptr.int().numpy())
 
 
@@ -73,25 +73,26 @@ class StencilSum:
 
     def upper(self, pieces: Sequence[Piece | Filled], num_vertices: int) -> sparse.csr_array:
         """The upper triangle of the sum of ``pieces``, ``3 num_vertices`` square."""
-        several = [piece for piece in pieces if piece[0].shape[1] > 1]
+        several = [piece for piece in pieces if isinstance(piece, Filled) or piece[0].shape[1] > 1]
         kinds = [(piece[0], isinstance(piece, Filled)) for piece in several]
-        if self._pattern is None or not self._fits(kinds, num_vertices):
-            self._kinds, self._pattern = kinds, _Pattern.of(several, num_vertices)
         pattern = self._pattern
+        if pattern is None or num_vertices != len(pattern.diagonal) or not self._fits(kinds):
+            pattern = _Pattern.of(several, num_vertices)
+            self._kinds, self._pattern = kinds, pattern
         data = torch.zeros(len(pattern.indices), dtype=torch.float64)
         for piece, place in zip(several, pattern.places, strict=True):
             if isinstance(piece, Filled):
-                piece.add(data.numpy(), place)
+                piece.add(data.numpy(), place.numpy())
             else:
                 data.scatter_add_(0, place, _entries(piece[1]).reshape(-1))
-        for some, blocks in pieces:
-            if some.shape[1] == 1:
-                place = pattern.diagonal[some[:, 0].cpu()].T
-                data.scatter_add_(0, place.reshape(-1), _entries(blocks).reshape(-1))
+        for piece in pieces:
+            if not isinstance(piece, Filled) and piece[0].shape[1] == 1:
+                place = pattern.diagonal[piece[0][:, 0].cpu()].T
+                data.scatter_add_(0, place.reshape(-1), _entries(piece[1]).reshape(-1))
         return sparse.csr_array((data.numpy(), pattern.indices, pattern.indptr), (3 * num_vertices,) * 2)
 
-    def _fits(self, kinds: list[tuple[Tensor, bool]], num_vertices: int) -> bool:
-        same = len(kinds) == len(self._kinds) and num_vertices == len(self._pattern.diagonal)
+    def _fits(self, kinds: list[tuple[Tensor, bool]]) -> bool:
+        same = len(kinds) == len(self._kinds)
         pairs = zip(kinds, self._kinds, strict=True) if same else ()
         return same and all(one is other and filled == was for (one, filled), (other, was) in pairs)
 

@@ -73,26 +73,28 @@ class Skinned(Baseline):
         super().__init__(scene, sequence)
         if start not in STARTS:
             raise DrapeError(f"simulator.start: found {start!r}; expected {' or '.join(STARTS)}")
-        if start == "rest" and sequence.skinned is None:
+        transforms = sequence.transforms if sequence.is_carried else None
+        if start == "recorded" and transforms is not None:
+            self.frames = _carried(scene, sequence, transforms[START : START + scene.frames + 1])
+        elif start == "recorded" and scene.obstacle is not None:
+            self.frames = follow(scene.obstacle, scene.initial.x)
+        elif sequence.skinned is not None:
+            self.frames = sequence.skinned[START:]
+        else:
             raise DrapeError(
                 f"{sequence.file.path}: sequences/{sequence.name}: has no skinning weights of the garment; "
                 "simulator.start=rest expects them; choose simulator.start=recorded, which the nearest faces carry"
             )
-        if start == "rest":
-            self.frames = sequence.skinned[START:]
-        elif sequence.skinned is None:
-            self.frames = follow(scene.obstacle, scene.initial.x)
-        else:
-            self.frames = _carried(scene, sequence)
 
     def positions(self, state: State, frame: int) -> Float[np.ndarray, "vertices 3"]:
         return self.frames[frame + 1]
 
 
-def _carried(scene: Scene, sequence: GarmentSequence) -> Float[np.ndarray, "frames vertices 3"]:
+def _carried(
+    scene: Scene, sequence: GarmentSequence, transforms: Float[np.ndarray, "frames joints 4 4"]
+) -> Float[np.ndarray, "frames vertices 3"]:
     """``M_k M_0⁻¹ x_0`` of each vertex."""
     bones, weights = (sequence.file.array(f"garments/{sequence.garment}/{name}") for name in ("bones", "weights"))
-    transforms = sequence.transforms[START : START + scene.frames + 1]
     local = np.linalg.solve(_blended(transforms[0], bones, weights), _homogeneous(scene.initial.x)[..., None])
     return np.stack([(_blended(each, bones, weights) @ local)[:, :3, 0] for each in transforms])
 
@@ -119,6 +121,7 @@ class Twin(Baseline):
                 f"{sequence.file.path}: sequences/{sequence.name}: has no twin; simulator=twin expects the recording "
                 "of a second, perturbed start; generate the data with data.twin=1e-6, or choose another simulator"
             )
+        self.frames = sequence.twin
 
     def positions(self, state: State, frame: int) -> Float[np.ndarray, "vertices 3"]:
-        return self.sequence.twin[START + frame + 1]
+        return self.frames[START + frame + 1]

@@ -30,7 +30,7 @@ class Stretch(Deformation):
     size = 1
 
     def forward(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges 1"]:
-        return (geometry.length - geometry.mesh.rest_lengths)[..., None]
+        return geometry.stretch[..., None]
 
 
 class StretchHinge(Deformation):
@@ -43,8 +43,7 @@ class StretchHinge(Deformation):
     size = 2
 
     def forward(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges 2"]:
-        stretch = geometry.length - geometry.mesh.rest_lengths
-        return torch.stack([stretch, geometry.hinge_change], -2).mT
+        return torch.stack([geometry.stretch, geometry.hinge_change], -2).mT
 
 
 class StretchBending(Deformation):
@@ -53,5 +52,4 @@ class StretchBending(Deformation):
     size = 5
 
     def forward(self, geometry: EdgeGeometry) -> Float[Tensor, "... edges 5"]:
-        stretch = (geometry.length - geometry.mesh.rest_lengths)[..., None, :]
-        return torch.cat([stretch, geometry.turned.mT], -2).mT
+        return torch.cat([geometry.stretch[..., None, :], geometry.turned.mT], -2).mT

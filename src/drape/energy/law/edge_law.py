@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from drape.energy.law.dissipation_speed import SpeedDissipation
 from drape.energy.law.eunet import EUNet
 from drape.errors import DrapeError
 
@@ -24,6 +25,17 @@ class Slopes(NamedTuple):
     gradient: Float[Tensor, "edges 3"]
     """[J/m, J/rad, J/rad]"""
     hessian: Float[Tensor, "edges 3 3"] | None
+
+    @property
+    def curvature(self) -> Float[Tensor, "edges 3 3"]:
+        """The Hessian that was asked for.
+
+        Raises:
+            DrapeError: none was.
+        """
+        if self.hessian is None:
+            raise DrapeError("edge law: found slopes without a Hessian; expected one: ask with hessian=True")
+        return self.hessian
 
 
 class EdgeLaw(nn.Module, ABC):
@@ -86,12 +98,18 @@ class NetworkLaw(EdgeLaw):
     own making, which a step forward in time must not repeat (its amplification factor for stiff edges exceeds 1).
 
     Raises:
-        DrapeError: an energy whose areas are not the paper's.
+        DrapeError: an energy whose areas are not the paper's, or whose dissipation has no drag for a solver.
     """
 
     def __init__(self, energy: EUNet, face_area: float, dt: float):
         super().__init__()
-        if energy.dissipates and getattr(energy.units["dissipation"], "boundary_faces", 1.0) != 1.0:
+        units = energy.dissipation
+        if not isinstance(units, SpeedDissipation | None):
+            raise DrapeError(
+                f"energy: found units {type(units).__name__} of what its motion costs; expected SpeedDissipation, "
+                "whose drag a solver can take, or none: train with model/dissipation=speed or zero"
+            )
+        if units is not None and units.boundary_faces != 1.0:
             raise DrapeError(
                 "energy: its dissipation counts the faces of boundary edges twice, as the official code does; expected "
                 "once, as in the paper: train for animation with model.dissipation.boundary_faces=1"
@@ -116,7 +134,7 @@ class NetworkLaw(EdgeLaw):
     def drag(
         self, speed: Float[Tensor, " edges"], attributes: Float[Tensor, "edges attributes"]
     ) -> Float[Tensor, " edges"]:
-        return self.energy.units["dissipation"].drag(speed, attributes).to(speed.dtype)
+        return cast(SpeedDissipation, self.energy.dissipation).drag(speed, attributes).to(speed.dtype)
 
 
 KEPT = torch.tensor([1.0, 0.0, 0.0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -39,7 +39,11 @@ class EUNet(nn.Module):
 
     @property
     def potential(self) -> PotentialUnits:
-        return self.units["potential"]
+        return cast(PotentialUnits, self.units["potential"])
+
+    @property
+    def dissipation(self) -> DissipationUnits | None:
+        return cast(DissipationUnits, self.units["dissipation"]) if "dissipation" in self.units else None
 
     @property
     def dissipates(self) -> bool:
@@ -49,8 +53,8 @@ class EUNet(nn.Module):
     def inputs(self, geometry: EdgeGeometry, previous: EdgeGeometry, dt: float) -> dict[str, Tensor]:
         """Inputs of the units for the step from ``previous`` to ``geometry``, by the name of the unit."""
         inputs = {"potential": self.potential.inputs(geometry)}
-        if self.dissipates:
-            inputs["dissipation"] = self.units["dissipation"].inputs(geometry, previous, dt)
+        if self.dissipation is not None:
+            inputs["dissipation"] = self.dissipation.inputs(geometry, previous, dt)
         return inputs
 
     def energies(
@@ -58,9 +62,9 @@ class EUNet(nn.Module):
     ) -> EdgeEnergies:
         """Energies of the edges for what :meth:`inputs` returned."""
         potential = self.potential.energies(inputs["potential"], attributes)
-        if not self.dissipates:
+        if self.dissipation is None:
             return EdgeEnergies(potential, potential)
-        dissipation, lost = self.units["dissipation"].energies(inputs["dissipation"], attributes)
+        dissipation, lost = self.dissipation.energies(inputs["dissipation"], attributes)
         return EdgeEnergies(potential + dissipation, potential + lost)
 
     def forward(

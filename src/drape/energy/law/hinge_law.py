@@ -9,8 +9,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from drape.energy.law.damping import Damping
 from drape.energy.law.eunet import EUNet
 from drape.energy.law.potential_hinge import HingePotential
+from drape.errors import DrapeError
 
 FELT = 0.1
 """Of ``k dt``, which a backward Euler step of dt damps an edge by, that a damper has to have to be told from it."""
@@ -73,14 +75,24 @@ class NetworkHinges(HingeLaw):
 
     Of what its dissipation units have learned a solver takes the drag, and the axial damper where it is one of the
     fabric: see :func:`fabrics_damper`. At which of three frames forces act belongs to the recorder, and is left out.
+
+    Raises:
+        DrapeError: an energy of other units than hinges and their damping.
     """
 
+    attributes: Float[Tensor, " attributes"]
+
     def __init__(self, energy: EUNet, attributes: Float[Tensor, " attributes"], face_area: float, dt: float):
-        damper = drag = 0.0
-        if energy.dissipates:
-            damper, drag = energy.units["dissipation"].constants(attributes, dt)
+        potential, damping = energy.potential, energy.dissipation
+        if not isinstance(potential, HingePotential) or not isinstance(damping, Damping | None):
+            raise DrapeError(
+                f"energy: found units {type(potential).__name__} and {type(damping).__name__}; expected HingePotential "
+                "and Damping, of which a solver knows a damper and a drag, or no dissipation: train with "
+                "model/potential=hinge, and with model/dissipation=damping or zero"
+            )
+        damper, drag = (0.0, 0.0) if damping is None else damping.constants(attributes, dt)
         super().__init__(face_area, 0.0, max(drag, 0.0))
-        self.units: HingePotential = energy.potential
+        self.units = potential
         self.register_buffer("attributes", attributes)
         self.damper = fabrics_damper(damper, float(self.slopes(torch.zeros(1, 2).double()).hessian[0, 0, 0]), dt)
 

@@ -20,11 +20,12 @@ class FabricCoefficients(nn.Module):
     def __init__(self, size_out: int, width: int, start: float):
         super().__init__()
         self.layers = feed_forward([len(ATTRIBUTES), width, width, size_out])
-        nn.init.constant_(self.layers[-1].bias, start)
+        *_, bias = self.layers.parameters()
+        nn.init.constant_(bias, start)
 
     def forward(self, attributes: Float[Tensor, "edges attributes"]) -> Float[Tensor, "edges out"]:
         """Coefficients of each edge."""
-        return self.layers(4.0 * attributes.to(self.layers[0].weight.dtype).sqrt())
+        return self.layers(4.0 * attributes.to(next(self.layers.parameters()).dtype).sqrt())
 
 
 class LearnedCoefficients(nn.Module):
@@ -40,13 +41,14 @@ class LearnedCoefficients(nn.Module):
         super().__init__()
         self.base = FabricCoefficients(size_out, width, start)
         self.bent = feed_forward([size_in + len(ATTRIBUTES), width, width, size_out])
-        nn.init.zeros_(self.bent[-1].weight)
-        nn.init.zeros_(self.bent[-1].bias)
+        *_, weight, bias = self.bent.parameters()
+        nn.init.zeros_(weight)
+        nn.init.zeros_(bias)
 
     def forward(
         self, z: Float[Tensor, "edges size"], attributes: Float[Tensor, "edges attributes"]
     ) -> Float[Tensor, "edges out"]:
         """Coefficients of each edge."""
-        seen = torch.cat([z, attributes], -1).to(self.bent[0].weight.dtype)
+        seen = torch.cat([z, attributes], -1).to(next(self.bent.parameters()).dtype)
         return self.base(attributes) + self.bent(seen)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import TypeVar
 
 from jaxtyping import Float
 from torch import Tensor
@@ -16,15 +15,15 @@ from drape.energy.law.hinge_law import HingeLaw
 from drape.errors import DrapeError
 from drape.scene.material import Material
 
-Law = TypeVar("Law", bound=HingeLaw | EdgeLaw)
-
 
 def learned_density(material: Material, face_area: float) -> float:
     """Areal density of the cloth that a law was learned from [kg/m²]: two faces for each inner vertex."""
     return material.mass_per_vertex / (2.0 * face_area)
 
 
-def at_density(law: Law, material: Material, areal_density: float | None) -> Law:
+def at_density(
+    law: HingeLaw | EdgeLaw, material: Material, areal_density: float | None
+) -> HingeLaw | EdgeLaw:
     """The law for a cloth of ``areal_density`` [kg/m²]; None: as it was learned.
 
     Energies [J], dampers and drags [kg/s] are multiplied by ``areal_density / learned_density``: in the equation of
@@ -84,7 +83,8 @@ class ScaledEdges(EdgeLaw):
         self, q: Float[Tensor, "edges 3"], attributes: Float[Tensor, "edges attributes"], *, hessian: bool
     ) -> Slopes:
         slopes = self.law.potential_slopes(q, attributes, hessian=hessian)
-        return Slopes(*(None if part is None else self.times * part for part in slopes))
+        second = None if slopes.hessian is None else self.times * slopes.hessian
+        return Slopes(self.times * slopes.energy, self.times * slopes.gradient, second)
 
     def drag_slopes(
         self, speed: Float[Tensor, " edges"], attributes: Float[Tensor, "edges attributes"]

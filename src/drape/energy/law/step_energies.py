@@ -46,9 +46,9 @@ class StepEnergies:
         """Inputs of the units: elastic ones at all frames, ``frames edges inputs``, dissipation ones at t+1."""
         with torch.enable_grad():
             inputs = {"potential": self.energy.potential.inputs(EdgeGeometry(self._x, self.window.mesh))}
-            if self.energy.dissipates:
+            if self.energy.dissipation is not None:
                 after = EdgeGeometry(self._x[-1], self.window.mesh)
-                inputs["dissipation"] = self.energy.units["dissipation"].inputs(after, self.current, self.window.dt)
+                inputs["dissipation"] = self.energy.dissipation.inputs(after, self.current, self.window.dt)
         return inputs
 
     @cached_property
@@ -64,16 +64,18 @@ class StepEnergies:
             return self.energy.potential.energies(inputs.flatten(0, 1), attributes).unflatten(0, (len(inputs), -1))
 
     @cached_property
-    def _dissipated(self) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
+    def _dissipated(self) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]] | None:
         """φd of each edge, and the energy that it loses [J]."""
+        if self.energy.dissipation is None:
+            return None
         with torch.enable_grad():
-            return self.energy.units["dissipation"].energies(self._leaves["dissipation"], self.attributes)
+            return self.energy.dissipation.energies(self._leaves["dissipation"], self.attributes)
 
     @cached_property
     def next(self) -> EdgeEnergies:
         """Energies of each edge for the step to t+1 [J]."""
         potential = self._potentials[-1]
-        if not self.energy.dissipates:
+        if self._dissipated is None:
             return EdgeEnergies(potential, potential)
         dissipation, lost = self._dissipated
         return EdgeEnergies(potential + dissipation, potential + lost)
@@ -98,7 +100,7 @@ class StepEnergies:
         """
         timing = self.energy.timing
         with torch.enable_grad():
-            total = self._potentials.sum() + (self._dissipated[0].sum() if self.energy.dissipates else 0.0)
+            total = self._potentials.sum() + (0.0 if self._dissipated is None else self._dissipated[0].sum())
             leaves = list(self._leaves.values())
             slopes = list(torch.autograd.grad(total, leaves, create_graph=self.training, retain_graph=True))
             if timing is not None:

@@ -40,6 +40,7 @@ class Bending(EnergyTerm):
     """
 
     name = "bending"
+    stiffness: PerMesh
 
     def __init__(self, stiffness: PerMesh = 3.9625778e-05):
         super().__init__()

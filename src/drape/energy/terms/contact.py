@@ -220,6 +220,8 @@ class SurfaceContact(Contact):
         self._sharp: tuple[Scene, float, SharpPoints | None] | None = None
 
     def sharp_points(self, scene: Scene) -> SharpPoints | None:
+        if scene.obstacle is None:
+            return None
         if self._sharp is None or self._sharp[0] is not scene or self._sharp[1] != self.thickness:
             spacing = point_spacing(scene.mesh, self.per_edge)
             self._sharp = scene, self.thickness, SharpPoints.of(scene.obstacle, spacing, self.thickness)

@@ -25,6 +25,7 @@ class Dissipation(EnergyTerm):
 
     name = "dissipation"
     stores = False
+    law: EdgeLaw
 
     def __init__(self, law: EdgeLaw):
         super().__init__(law)

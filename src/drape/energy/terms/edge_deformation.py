@@ -188,9 +188,9 @@ class EdgeDeformation:
         faces = self.mesh.faces
         # P_v [arm]x: each row of P crossed with the arm
         blocks = torch.linalg.cross(project[faces][:, :, None, :, :], arms[:, None, :, None, :], dim=-1)
-        faces = faces.cpu().numpy()
-        rows = 3 * faces[:, :, None, None, None] + np.arange(3)[:, None]
-        columns = 3 * faces[:, None, :, None, None] + np.arange(3)
+        corners = faces.cpu().numpy()
+        rows = 3 * corners[:, :, None, None, None] + np.arange(3)[:, None]
+        columns = 3 * corners[:, None, :, None, None] + np.arange(3)
         shape = blocks.shape
         indices = (np.broadcast_to(rows, shape).reshape(-1), np.broadcast_to(columns, shape).reshape(-1))
         entries = sparse.coo_array((blocks.reshape(-1).double().cpu().numpy(), indices), (3 * len(n), 3 * len(n)))

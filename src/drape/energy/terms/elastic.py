@@ -31,6 +31,7 @@ class ElasticEnergy(EnergyTerm):
     """
 
     name = "elastic"
+    law: EdgeLaw
 
     def __init__(self, law: EdgeLaw, *, transfer: bool):
         super().__init__(law)
@@ -38,22 +39,26 @@ class ElasticEnergy(EnergyTerm):
         self._scale: tuple[MeshBatch, EdgeScale] | None = None
         self._turning = StencilSum()
 
-    def _scaled(self, q: Tensor, mesh: MeshBatch, edges: Tensor | slice) -> tuple[Tensor | float, Tensor | None]:
-        if not self.transfer:
-            return 1.0, None
+    def _scale_of(self, mesh: MeshBatch) -> EdgeScale:
+        """That of a mesh; kept for the next time."""
         if self._scale is None or self._scale[0] is not mesh:
             self._scale = mesh, EdgeScale(mesh, self.law.face_area)
-        return self._scale[1].at(q, edges)
+        return self._scale[1]
 
-    def _shared(self, edges: Tensor | slice, dtype: torch.dtype) -> Tensor | float:
-        """Share of the energy of ``edges`` that counts, once they have been scaled."""
-        return 1.0 if not self.transfer or self._scale[1].same else self._scale[1].share[edges].to(dtype)
+    def _scaled(self, q: Tensor, mesh: MeshBatch, edges: Tensor | slice) -> tuple[Tensor | float, Tensor | None]:
+        return self._scale_of(mesh).at(q, edges) if self.transfer else (1.0, None)
+
+    def _shared(self, mesh: MeshBatch, edges: Tensor | slice, dtype: torch.dtype) -> Tensor | float:
+        """Share of the energy of ``edges`` that counts."""
+        if not self.transfer or self._scale_of(mesh).same:
+            return 1.0
+        return self._scale_of(mesh).share[edges].to(dtype)
 
     def _stored(self, q: Float[Tensor, "3 edges"], step: Step, edges: Tensor | slice = ALL) -> Tensor:
         """``S² φp(q/S)`` of ``edges``, differentiable."""
         scale, _ = self._scaled(q, step.mesh, edges)
         energy = scale**2 * self.law.potential((q / scale).T, step.attributes[step.mesh.mesh_of_edge[edges]])
-        return self._shared(edges, energy.dtype) * energy
+        return self._shared(step.mesh, edges, energy.dtype) * energy
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         deformation = EdgeDeformation(x_next, step.mesh, bends=self.law.bends)
@@ -81,7 +86,7 @@ class ElasticEnergy(EnergyTerm):
         tension = (slopes.gradient[:, 0] / deformation.length).abs()
         string = deformation.spring_blocks(torch.zeros_like(tension), tension)
         turning = self._turning.upper([Stencils(step.mesh.edges, string)], len(x_next))
-        return from_jacobian(deformation.jacobian(), slopes.hessian) + turning
+        return from_jacobian(deformation.jacobian(), slopes.curvature) + turning
 
     def stencils(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> list[Stencils]:
         """A rough Hessian of edges and hinges: a quarter of the entries of :meth:`hessian`.
@@ -90,7 +95,7 @@ class ElasticEnergy(EnergyTerm):
         ``HINGE (φ_αα + φ_ββ)`` stand for them.
         """
         deformation, slopes, _ = self._slopes(x_next, step, hessian=True)
-        stiffness = slopes.hessian.diagonal(dim1=1, dim2=2).clamp(min=0.0)
+        stiffness = slopes.curvature.diagonal(dim1=1, dim2=2).clamp(min=0.0)
         tension = (slopes.gradient[:, 0] / deformation.length).abs()
         pieces = [Stencils(step.mesh.edges, deformation.spring_blocks(stiffness[:, 0], tension))]
         if self.law.bends:
@@ -129,11 +134,11 @@ class ElasticEnergy(EnergyTerm):
         attributes = step.attributes[step.mesh.mesh_of_edge[edges]]
         slopes = self.law.potential_slopes((q / scale).T, attributes, hessian=hessian)
         found = Slopes(scale**2 * slopes.energy, _gradient(q, slopes, scale, turns).T, slopes.hessian)
-        share = self._shared(edges, q.dtype)
+        share = self._shared(step.mesh, edges, q.dtype)
         if isinstance(share, float):
             return found
-        hessian = None if found.hessian is None else share[:, None, None] * found.hessian
-        return Slopes(share * found.energy, share[:, None] * found.gradient, hessian)
+        curvature = None if found.hessian is None else share[:, None, None] * found.hessian
+        return Slopes(share * found.energy, share[:, None] * found.gradient, curvature)
 
 
 def _untwisted(q: Float[Tensor, "3 edges"]) -> Float[Tensor, "3 edges"]:
@@ -145,16 +150,15 @@ def _faded(
 ) -> Slopes:
     """``share`` of the slopes of the edges ``fading``, the rest from those without twist, which has no slope there."""
     kept = torch.tensor([1.0, 0.0, 1.0], dtype=share.dtype, device=share.device)
-    without = untwisted.energy, untwisted.gradient * kept, untwisted.hessian
-    if untwisted.hessian is not None:
-        without = (*without[:2], untwisted.hessian * kept[:, None] * kept)
-    mixed = []
-    for full, other in zip(slopes, without, strict=True):
-        if full is not None:
-            weight = share.view(-1, *[1] * (full.dim() - 1))
-            full = full.index_copy(0, fading, torch.lerp(other, full[fading], weight))
-        mixed.append(full)
-    return Slopes(*mixed)
+
+    def mixed(full: Tensor, without: Tensor) -> Tensor:
+        weight = share.view(-1, *[1] * (full.dim() - 1))
+        return full.index_copy(0, fading, torch.lerp(without, full[fading], weight))
+
+    hessian = None
+    if slopes.hessian is not None:
+        hessian = mixed(slopes.hessian, untwisted.curvature * kept[:, None] * kept)
+    return Slopes(mixed(slopes.energy, untwisted.energy), mixed(slopes.gradient, untwisted.gradient * kept), hessian)
 
 
 def _gradient(

@@ -37,9 +37,8 @@ class HingeEdges:
         self.rest = HingeShape(self.corners.gather(mesh.rest_positions))
         self.inner = (~mesh.boundary).double()
         scale = None if face_area is None else EdgeScale(mesh, face_area)
-        same = scale is None or scale.same
-        self.size = torch.ones_like(mesh.rest_lengths) if same else scale.rest
-        self.share = torch.ones_like(mesh.rest_lengths) if same else scale.share
+        one = torch.ones_like(mesh.rest_lengths)
+        self.size, self.share = (one, one) if scale is None or scale.same else (scale.rest, scale.share)
 
     def compiled(self) -> Edges:
         """As the kernels need them."""
@@ -71,6 +70,7 @@ class HingeElastic(EnergyTerm):
     """
 
     name = "elastic"
+    law: HingeLaw
 
     def __init__(self, law: HingeLaw, *, transfer: bool):
         super().__init__(law)
@@ -95,9 +95,10 @@ class HingeElastic(EnergyTerm):
         self, x_next: Float[Tensor, "vertices 3"], step: Step
     ) -> tuple[Float[Tensor, " meshes"], Float[Tensor, "vertices 3"]]:
         edges = self.edges(step.mesh)
-        if self._compiles(x_next):
-            energy, gradient = energies_and_forces(array(x_next), *self._compiled())
-            energy = torch.from_numpy(energy[: step.mesh.num_edges])
+        compiled = self._compiled(edges, x_next)
+        if compiled is not None:
+            found, gradient = energies_and_forces(array(x_next), *compiled)
+            energy = torch.from_numpy(found[: step.mesh.num_edges])
             return step.sum_stencils(energy, step.mesh.edges[:, 0]), torch.from_numpy(gradient).to(x_next.dtype)
         q, angle, shape = _deformation(x_next.detach(), edges)
         size, share = edges.size.to(q.dtype), edges.share.to(q.dtype)
@@ -112,10 +113,9 @@ class HingeElastic(EnergyTerm):
         )
 
     def kernel(self, step: Step) -> Kernel | None:
-        self.edges(step.mesh)
-        if not self._compiles(step.x):
+        given = self._compiled(self.edges(step.mesh), step.x)
+        if given is None:
             return None
-        given = self._compiled()
 
         def summed(x: np.ndarray) -> tuple[float, np.ndarray]:
             energies, gradient = energies_and_forces(x, *given)
@@ -129,8 +129,9 @@ class HingeElastic(EnergyTerm):
         Compressed edges are about to turn away; their curvature counts by its size, not as none: a solver would leap.
         """
         edges, count = self.edges(step.mesh), step.mesh.num_edges
-        if self._compiles(x_next):
-            x, compiled = array(x_next), self._compiled()
+        compiled = self._compiled(edges, x_next)
+        if compiled is not None:
+            x = array(x_next)
             return [Filled(edges.corners.vertices, lambda data, places: add_hessian(x, *compiled, count, data, places))]
         q, angle, shape = _deformation(x_next.detach(), edges)
         size, share = edges.size.to(q.dtype), edges.share.to(q.dtype)
@@ -148,16 +149,17 @@ class HingeElastic(EnergyTerm):
             blocks[:, a, :, b] += sign * across
         return [Stencils(edges.corners.vertices, blocks)]
 
-    def _compiles(self, x: Tensor) -> bool:
-        return isinstance(self.law, BakedHinges) and x.device.type == self.law.plane.taps.device.type == "cpu"
-
-    def _compiled(self) -> tuple[Edges, Tables]:
-        law, plane = self.law, self.law.plane
-        if self._kernel is None or self._kernel[0] is not plane.taps:  # a law may change its precision
+    def _compiled(self, edges: HingeEdges, x: Tensor) -> tuple[Edges, Tables] | None:
+        """Arrays of the ``edges`` kept for the kernels; None where there is no table, or not on the CPU."""
+        law = self.law
+        if not (isinstance(law, BakedHinges) and x.device.type == law.plane.taps.device.type == "cpu"):
+            return None
+        plane, kept = law.plane, self._kernel
+        if kept is None or kept[0] is not plane.taps:  # a law may change its precision
             scales = law.stretch_scale, law.angle_scale
             tables = Tables(plane.taps.numpy(), *plane.first, *plane.nodes, *plane.step, *scales)
-            self._kernel = plane.taps, self._edges.compiled(), tables
-        return self._kernel[1:]
+            self._kernel = kept = plane.taps, edges.compiled(), tables
+        return kept[1:]
 
 
 class Damping(EnergyTerm):
@@ -169,6 +171,7 @@ class Damping(EnergyTerm):
 
     name = "damping"
     stores = False
+    law: HingeLaw
 
     def __init__(self, law: HingeLaw, *, transfer: bool):
         super().__init__(law)

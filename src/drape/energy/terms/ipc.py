@@ -64,7 +64,7 @@ class Barrier(EnergyTerm):
             body_stiffness=stiffness_for(pressure, body_distance, edge),
         )
         self.self_friction = self_friction
-        self._lagged = None
+        self._lagged: tuple[ref[Step], Friction] | None = None
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         return _Known.apply(x_next, *self.energy_and_gradient(x_next, step))

@@ -21,7 +21,8 @@ def point_stencils(
 
     So the places of the entries in a sparse matrix stay the same, whichever points are in contact.
     """
-    surface, chosen, pieces = points.surface, points.points[rows], []
+    surface, chosen = points.surface, points.points[rows]
+    pieces: list[Stencils | Filled] = []
     ends = [kind.first for kind in surface.kinds[1:]] + [len(surface.vertices)]
     for kind, end in zip(surface.kinds, ends, strict=True):
         some = ((chosen >= kind.first) & (chosen < end)).nonzero()[:, 0]

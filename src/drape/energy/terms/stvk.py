@@ -53,6 +53,8 @@ class StVK(EnergyTerm):
     """
 
     name = "stvk"
+    shear_modulus: PerMesh
+    first_lame: PerMesh
 
     def __init__(self, shear_modulus: PerMesh = 23600.0, first_lame: PerMesh = 44400.0, thickness: float = 4.7e-4):
         super().__init__()

@@ -29,7 +29,7 @@ class BodyPoints:
     @classmethod
     def of(cls, step: Step, reach: float) -> BodyPoints:
         """Of vertices inside the body or up to ``reach`` [m] away."""
-        near, body = step.near_vertices(reach), step.obstacle
+        near, body = step.near_vertices(reach), step.body
         corners = body.x[body.faces[near.faces]]
         x, x_next = (near.barycentric[..., None] * corners).sum(1), near.end.point
         return cls(near.points, x, x_next, (x_next - x) / step.dt, near.end.normal, near.distance)

@@ -119,8 +119,9 @@ def _shipped_here(node: object) -> object:
     """The ``node`` of a config with the files that come with the program where they are on this machine."""
     if isinstance(node, Mapping):
         return {key: _shipped_here(value) for key, value in node.items()}
-    is_shipped = isinstance(node, str) and Path(node).parts[-3:-1] == SHIPPED.parts[-2:]
-    return str(SHIPPED / Path(node).name) if is_shipped else node
+    if isinstance(node, str) and Path(node).parts[-3:-1] == SHIPPED.parts[-2:]:
+        return str(SHIPPED / Path(node).name)
+    return node
 
 
 def _check_example(network: nn.Module, cloths: Cloths, example: dict[str, Any], path: str | Path) -> None:

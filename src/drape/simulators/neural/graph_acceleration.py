@@ -77,20 +77,21 @@ class GraphAcceleration(nn.Module):
         # near a plausible state and not from an exploded one.
         with torch.no_grad():
             for decoder in (self.net.decoder, *self.net.edge_decoders.values()):
-                decoder[-1].weight *= 0.01
-                decoder[-1].bias.zero_()
+                *_, weight, bias = decoder.parameters()
+                weight.mul_(0.01)
+                bias.zero_()
 
     def forward(self, step: Step) -> Float[Tensor, "vertices 3"]:
         """In world axes and the precision of the step."""
         heading = Heading(step.x, step.mesh)
         nodes, edges, points = self.inputs.of(step, heading)
-        precision = self.net.decoder[-1].weight.dtype
+        precision = next(self.net.decoder.parameters()).dtype
         edges = {name: replace(edge_set, features=edge_set.features.to(precision)) for name, edge_set in edges.items()}
         predicted, answers = self.net(nodes.to(precision), edges)
         predicted = predicted[: step.mesh.num_vertices].to(step.x.dtype)
         predicted = heading.outward(predicted, step.mesh.mesh_of_vertex)
         predicted = predicted + _along_edges(answers["mesh"].to(step.x.dtype), step)
-        if "body" in answers:
+        if points is not None and "body" in answers:
             pushed = answers["body"].to(step.x.dtype)[:, None] * points.normal
             predicted = predicted.index_add(0, points.vertices, pushed)
         return (self.acceleration * predicted).masked_fill(~step.free[:, None], 0.0)

@@ -130,8 +130,8 @@ class GraphInputs:
         mesh_of = step.mesh.mesh_of_vertex[first]
         places = (step.x, step.inertial, step.mesh.rest_positions.to(step.x.dtype))
         *moving, rest = (place.index_select(0, second) - place.index_select(0, first) for place in places)
-        moving = heading.inward(torch.stack(moving, 1), mesh_of[:, None].expand(-1, 2))
-        arms = torch.cat([moving, rest[:, None]], 1) / self.edge_length
+        turned = heading.inward(torch.stack(moving, 1), mesh_of[:, None].expand(-1, 2))
+        arms = torch.cat([turned, rest[:, None]], 1) / self.edge_length
         lengths = safe_norm(arms, TINY)
         strains = torch.asinh((lengths[:, :2] / lengths[:, 2:] - 1.0) / STRAIN)
         pull = strains[:, 1:] * arms[:, 1] / lengths[:, 1:2]

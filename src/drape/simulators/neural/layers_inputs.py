@@ -169,7 +169,7 @@ class LayersInputs:
         most = int(patches.neighbours[0].bincount(minlength=count).max()) + 1
         place, mesh_of = patches.mean(_from_middle(step.x, step.mesh)), patches.mesh_of_patch
         near = NearestPoints.find(place, mesh_of, place, mesh_of, self.world_neighbours + most, self.patch_reach)
-        taken = torch.isin(near.index + count * itself[0][:, None], beside[1] + count * beside[0])
+        taken = torch.isin(near.targets + count * itself[0][:, None], beside[1] + count * beside[0])
         wanted = near.found & ~taken
         wanted &= wanted.cumsum(1) <= self.world_neighbours
         return Interactions(mesh=beside, world=near.pairs(wanted), body=body.pairs)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any, cast
 from weakref import WeakKeyDictionary
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.autograd.function import FunctionCtx
 
 from drape.energy.incremental_potential import IncrementalPotential, terms_of
 from drape.energy.step import Step
+from drape.energy.term import EnergyTerm
 from drape.energy.terms.contact import Contact
 from drape.geometry.mesh_batch import MeshBatch
 from drape.simulators.advance import advance
@@ -57,7 +59,8 @@ class BatchSolver:
         kept = self._kept.get(step.mesh)
         if kept is None or kept[0] != key:
             contact, pushed = None if step.obstacle is None else self.contact, step.external_force is not None
-            terms = terms_of(step.fabric, contact, self.friction, gravity=True, external=pushed)
+            fabric = cast(Sequence[EnergyTerm], step.fabric)
+            terms = terms_of(fabric, contact, self.friction, gravity=True, external=pushed)
             kept = self._kept[step.mesh] = key, Minimiser(IncrementalPotential(terms), step.free)
         return kept[1]
 
@@ -66,10 +69,10 @@ class _Response(torch.autograd.Function):
     """``H⁻¹ f`` by the factors of a minimiser; H is symmetric, so is its derivative."""
 
     @staticmethod
-    def forward(ctx: FunctionCtx, force: Tensor, minimiser: Minimiser) -> Tensor:
+    def forward(ctx: Any, force: Tensor, minimiser: Minimiser) -> Tensor:
         ctx.minimiser = minimiser
         return minimiser.response(force)
 
     @staticmethod
-    def backward(ctx: FunctionCtx, slope: Tensor) -> tuple[Tensor, None]:
+    def backward(ctx: Any, slope: Tensor) -> tuple[Tensor, None]:
         return ctx.minimiser.response(slope), None

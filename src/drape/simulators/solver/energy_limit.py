@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from drape.scene.state import State
 
-TINY = np.finfo(np.float64).tiny
+TINY = float(np.finfo(np.float64).tiny)
 
 
 def without_gain(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from drape.contact.collisions import Collisions
 from drape.contact.untangle import untangle
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.scene_step import SceneSteps
@@ -27,9 +29,9 @@ from drape.simulators.solver.minimise import SHORT_OF, Minimiser
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
 
-SHARES = ({"share": 0.9, "rounds": 16},)
+SHARES: tuple[dict[str, Any], ...] = ({"share": 0.9, "rounds": 16},)
 """Settings of the starts in which cloth goes with the body (:class:`KinematicPrior`)."""
-RIGID = {"share": 1.0, "rounds": 0}
+RIGID: dict[str, Any] = {"share": 1.0, "rounds": 0}
 """The same where nothing may cross: as if fixed to a body that turns."""
 CUTS = 20
 """Parts into which a time step is cut where no start of it can be reached without a crossing."""
@@ -89,9 +91,9 @@ class ImplicitSolver:
         for name, value in {"iterations": iterations, "steps": steps}.items():
             if value < 1:
                 raise DrapeError(f"simulator.{name}: found {value}; expected a whole number from 1 on")
-        for name, value in {"precision": precision, "factors": factors}.items():
-            if value not in PRECISIONS:
-                raise DrapeError(f"simulator.{name}: found {value!r}; expected {' or '.join(PRECISIONS)}")
+        for name, chosen in {"precision": precision, "factors": factors}.items():
+            if chosen not in PRECISIONS:
+                raise DrapeError(f"simulator.{name}: found {chosen!r}; expected {' or '.join(PRECISIONS)}")
         if tolerance is None:
             tolerance = BALANCED * mean_weight(scene)
         if not tolerance > 0:
@@ -119,7 +121,7 @@ class ImplicitSolver:
             if taken[-1].outcome is Outcome.NOT_FINITE:
                 break
         result = replace(_worst(taken), steps=count)
-        return result if self.barrier is None else self._untangled(result, frame + 1.0)
+        return result if self.barrier is None else self._untangled(result, self.barrier.collisions, frame + 1.0)
 
     def _advance(self, state: State, start: float, stop: float, cuts: int = 0) -> StepResult:
         step = self.steps.step(state, start, stop)
@@ -153,9 +155,9 @@ class ImplicitSolver:
         self._minimiser = whole
         return result
 
-    def _untangled(self, result: StepResult, stop: float) -> StepResult:
+    def _untangled(self, result: StepResult, collisions: Collisions, stop: float) -> StepResult:
         """A frame with what crosses all the same untangled as far as that can be; what was moved is stopped."""
-        before, collisions = result.state, self.barrier.collisions
+        before = result.state
         pinned = ~self.steps.free.cpu().numpy()
         x, left = untangle(collisions, before.x, self.steps.body(stop), held=pinned, moves=MOVES)
         moved = (x != before.x).any(axis=1, keepdims=True)
@@ -177,7 +179,7 @@ class ImplicitSolver:
         if outcome is Outcome.NOT_FINITE:
             return StepResult(State.at_rest(state.x), outcome, used, residual, found.terms)
         after = State(positions, (positions - state.x) / step.dt)
-        if self._is_left_alone:
+        if self._is_left_alone and before is not None:
             free, released = step.free.cpu().numpy(), before.stored - found.stored
             after = without_gain(state, after, released, self.steps.scene.mass, free, 4 * before.rounding)
         return StepResult(after, outcome, used, residual, found.terms)

@@ -112,9 +112,9 @@ class Minimiser:
     def _descend(
         self, starts: list[Float[Tensor, "vertices 3"]], step: Step, tolerance: float, iterations: int
     ) -> tuple[Float[Tensor, "vertices 3"], Evaluation, Outcome, int, float]:
-        tried = [self._at(x, step) for x in starts]
-        self.standing = tried[0].found
-        here = min((place for place in tried if place.is_finite), key=lambda place: place.found.energy, default=None)
+        places = [self._at(x, step) for x in starts]
+        self.standing = places[0].found
+        here = min((place for place in places if place.is_finite), key=lambda place: place.found.energy, default=None)
         used = len(starts)
         if here is None:
             return starts[0], self.standing, Outcome.NOT_FINITE, used, float("nan")
@@ -167,10 +167,11 @@ class Minimiser:
         if len(self._slots) == matrix.shape[0]:
             return matrix
         places = matrix.indices, matrix.indptr
-        if self._places is None or not all(map(np.array_equal, places, self._places)):
-            numbered = sparse.csr_array((np.arange(matrix.nnz), *places), matrix.shape)
-            self._places, self._of_those = places, numbered[self._slots][:, self._slots]
         kept = self._of_those
+        if kept is None or self._places is None or not all(map(np.array_equal, places, self._places)):
+            numbered = sparse.csr_array((np.arange(matrix.nnz), *places), matrix.shape)
+            kept = numbered[self._slots][:, self._slots]
+            self._places, self._of_those = places, kept
         return sparse.csr_array((matrix.data[kept.data], kept.indices, kept.indptr), kept.shape)
 
     def _free_share(self, x_from: Tensor, x_to: Tensor, step: Step) -> float:
@@ -203,9 +204,9 @@ class Minimiser:
         slope = float(here.gradient @ direction)
         if not slope < 0:
             return None, 0
-        way = np.zeros(3 * len(self.free))
-        way[self._slots] = direction
-        way = torch.from_numpy(way.reshape(-1, 3)).to(here.x)
+        moves = np.zeros(3 * len(self.free))
+        moves[self._slots] = direction
+        way = torch.from_numpy(moves.reshape(-1, 3)).to(here.x)
         share = self._free_share(here.x, here.x + way, step)
         for tried in range(1, max(2, min(budget, 40)) + 1):
             moved = here.x + share * way

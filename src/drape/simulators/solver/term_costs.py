@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from drape.energy.incremental_potential import IncrementalPotential
 from drape.energy.step import Step
+from drape.energy.term import EnergyTerm
 
 REPEATS = 5
 
@@ -28,7 +29,7 @@ class TermCost(NamedTuple):
 def term_costs(potential: IncrementalPotential, step: Step) -> list[TermCost]:
     """Medians for each term of ``potential`` at the start of ``step``, without the search for nearest faces."""
 
-    def cost(term: object) -> TermCost:
+    def cost(term: EnergyTerm) -> TermCost:
         seconds = _median(lambda: term.energy_and_gradient(step.x, step))
         hessian = _median(lambda: term.rough_hessian(step.x, step))
         return TermCost(term.name, potential.reasons.get(term.name, ""), seconds, hessian)

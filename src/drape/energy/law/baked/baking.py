@@ -57,9 +57,10 @@ def bake(
     began = time.perf_counter()
     law = copy.deepcopy(law).double()
     units = law.units
-    scales = (*units.scales, 1.0)[:2]
+    scales = units.scales[0], (*units.scales, 1.0)[1]
     longest = 2.0 * math.sqrt(law.face_area)  # the hypotenuse of half a square
-    stretch = tuple(end * longest for end in resolution.stretch)
+    low, high = resolution.stretch
+    stretch = low * longest, high * longest
     u, first_u = _nodes([math.asinh(end / scales[0]) for end in stretch], resolution.step)
     v, first_v = _nodes([0.0, math.log1p((math.pi / scales[1]) ** 2)], resolution.step)
     seen = torch.cartesian_prod(torch.from_numpy(u), torch.from_numpy(v))

@@ -8,6 +8,7 @@ import zipfile
 import zlib
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -159,7 +160,8 @@ def _law(content: dict, numbers: dict[str, np.ndarray]) -> BakedHinges:
         attributes=torch.tensor(content["attributes"], dtype=torch.float64),
         **{name: content[name] for name in NUMBERS},
     )
-    law.certificate = Certificate(**{key: tuple(value) if isinstance(value, list) else value for key, value in stored})
+    facts: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in stored}
+    law.certificate = Certificate(**facts)
     samples, constants = torch.from_numpy(numbers["samples"]), torch.from_numpy(numbers["constants"])
     law.samples = Samples(samples[:, :2], samples[:, 2], samples[:, 3:], constants)
     return law

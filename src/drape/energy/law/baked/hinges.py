@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -55,9 +55,10 @@ class Certificate:
     constants: float
 
     @classmethod
-    def of(cls, baked: BakedHinges, true: Samples, **facts: object) -> Certificate:
+    def of(cls, baked: BakedHinges, true: Samples, **facts: Any) -> Certificate:
         """Of a table, compared with what its network says."""
-        return cls(**facts, **baked.differences(true))
+        differences: dict[str, Any] = baked.differences(true)
+        return cls(**facts, **differences)
 
     def check(self, bounds: Bounds) -> None:
         """Refuse a table that is too far from its network.

@@ -18,23 +18,26 @@ class SplinePlane(nn.Module):
     In memory each row holds the 4 x 4 coefficients around a cell, of the first spline, then of the second.
     """
 
+    taps: Float[Tensor, "cells 32"]
+
     def __init__(
         self, values: Float[np.ndarray, "2 nodes_u nodes_v"], first: tuple[int, int], step: tuple[float, float]
     ):
         super().__init__()
-        self.first, self.step = tuple(first), tuple(step)
-        self.nodes = values.shape[1:]
+        self.first, self.step = first, step
+        self.nodes = values.shape[1], values.shape[2]
         self.values = values
         each = np.stack([coefficients(one) for one in values]).clip(min=0.0)  # so that no spline is negative anywhere
         padded = np.pad(each, ((0, 0), (MARGIN, MARGIN), (MARGIN, MARGIN)), mode="edge")
-        windows = np.lib.stride_tricks.sliding_window_view(padded, (4, 4), axis=(1, 2))
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (4, 4), axis=(1, 2))  # type: ignore[call-overload]
         taps = np.ascontiguousarray(windows.transpose(1, 2, 0, 3, 4).reshape(-1, 32))
         self.register_buffer("taps", torch.from_numpy(taps))
 
     @property
     def places(self) -> tuple[Float[np.ndarray, " nodes_u"], Float[np.ndarray, " nodes_v"]]:
         """Coordinates of the nodes."""
-        return tuple(h * (first + np.arange(n)) for n, first, h in zip(self.nodes, self.first, self.step, strict=True))
+        u, v = (h * (first + np.arange(n)) for n, first, h in zip(self.nodes, self.first, self.step, strict=True))
+        return u, v
 
     def forward(
         self, u: Float[Tensor, " edges"], v: Float[Tensor, " edges"]
@@ -47,7 +50,8 @@ class SplinePlane(nn.Module):
         rows = (whole(cell_x) + (MARGIN - 1)) * columns + whole(cell_y) + (MARGIN - 1)
         taps = self.taps[rows].to(u.dtype).view(-1, 2, 4, 4)
         weights = [basis(part) for part in (x - cell_x, y - cell_y)]
-        return torch.einsum("epij,ei,ej->pe", taps, *weights).unbind(0)
+        first, second = torch.einsum("epij,ei,ej->pe", taps, *weights).unbind(0)
+        return first, second
 
 
 def coefficients(values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
