@@ -201,7 +201,7 @@ def test_a_held_out_sequence_is_a_scene_with_its_own_mesh_and_pins(tmp_path: Pat
 def test_card_and_contact_sheet(tmp_path: Path) -> None:
     file = recorded(tmp_path / "root")
     card = dataset_card(file)
-    assert "cloth of 0.57 m and 0.2 kg/m2: 16 vertices, 18 faces" in card
+    assert "cloth of 0.57 m from corner to corner and 0.2 kg/m2: 16 vertices, 18 faces" in card
     assert "pinned: 1, 2" in card
     assert "pinned: 0, 1" in card
     assert draw_contact_sheet(file, tmp_path / "sheet.png").stat().st_size > 10_000
