@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from drape.metrics.record import EvaluationRecord, RunRecord
-from drape.report.garment_sizes import size_tables
-from drape.report.garment_tables import garment_tables
 from drape.report.provenance import describe_setting, missing, provenance
 from drape.report.runs import Configuration, by_setting, configurations
 from drape.report.table import Table
@@ -39,11 +37,9 @@ def document(
     return "\n".join(sections)
 
 
-def garment_document(evaluations: Sequence[EvaluationRecord]) -> str:
-    """Markdown of evaluations of garments side by side, with the commands that made them."""
-    lines = ["# Garments, animated", "", *(table.markdown() for table in garment_tables(evaluations))]
-    lines += [table.markdown() for table in size_tables(evaluations)]
-    lines += ["### Provenance", ""]
+def garment_document(tables: Sequence[Table], evaluations: Sequence[EvaluationRecord]) -> str:
+    """Markdown of ``tables`` of garments, with the commands that made the ``evaluations`` in them."""
+    lines = ["# Garments, animated", "", *(table.markdown() for table in tables), "### Provenance", ""]
     lines += [f"* **{record.method['name']}**: `{record.provenance['command']}`" for record in evaluations]
     return "\n".join(lines) + "\n"
 
