@@ -16,7 +16,7 @@ from drape.data.hdf5 import GarmentFile
 from drape.data.recorded_scene import START
 from drape.data.sequence_loader import Watched
 from drape.metrics.rollout_scores import ScoredRollout, rollout_scores
-from drape.report.live_rollouts import KEY, RolloutImages
+from drape.report.live_images import ROLLOUTS, RolloutImages
 from drape.report.rollout_sheet import draw_rollout_sheet
 from drape.scene.material import ATTRIBUTES
 from drape.simulators.neural.cloths import RecordedCloths
@@ -142,7 +142,7 @@ def test_loggers_get_it_under_its_key(file, tmp_path):
     wandb.log_image = lambda key, images, step: sent.append((key, images, step))
     path = drawn(tmp_path, [rollout(file, 0.0)], loggers=(board, wandb, CSVLogger(tmp_path)))
     height, width, _ = pixels(path).shape
-    assert sent == [(KEY, (height, width, 3), 40), ("figures/rollouts", [str(path)], 40)]
+    assert sent == [(ROLLOUTS, (height, width, 3), 40), ("figures/rollouts", [str(path)], 40)]
 
 
 @pytest.mark.parametrize("change", [{"fast_dev_run": 2}, {"is_global_zero": False}])

@@ -24,7 +24,7 @@ from drape.geometry.grid import square_grid
 from drape.geometry.mesh import ClothMesh
 from drape.report.contact_sheet import draw_contact_sheet
 from drape.report.dataset_card import dataset_card
-from drape.report.shown_motion import shown_motion
+from drape.report.recorded import shown_motion
 from drape.scene.mass import vertex_areas
 from drape.scene.material import ATTRIBUTES
 from tests.recordings import DENSITY, STIFFNESS, as_version_1, patch, swinging, write_meshes, write_npz

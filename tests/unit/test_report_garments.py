@@ -14,7 +14,7 @@ from drape.errors import DrapeError
 from drape.metrics.record import EvaluationRecord
 from drape.report.document import garment_document
 from drape.report.garment_colours import row_styles
-from drape.report.garment_comparison import draw_garment_comparison, error_by_frame
+from drape.report.garment_curves import draw_garment_comparison, error_by_frame
 from drape.report.garment_rows import by_data, duration, garment_rows, published
 from drape.report.garment_tables import animation_tables, comparison_table, garment_tables
 from drape.report.garment_trade import draw_garment_trade, trade_rows, write_garment_trade

@@ -13,7 +13,7 @@ import numpy as np
 from drape.data.whole_file import whole_file
 from drape.metrics.record import EvaluationRecord
 from drape.report.clips import RECORDED, show
-from drape.report.garment_comparison import draw_garment_comparison
+from drape.report.garment_curves import draw_garment_comparison
 from drape.report.garment_rows import by_data, garment_rows
 from drape.report.garment_sizes import Size, draw_sizes, size_tables
 from drape.report.garment_tables import animation_tables, comparison_table
