@@ -21,23 +21,21 @@ def main(config: DictConfig) -> None:
 
 def _simulate(source: str, settings: dict) -> None:
     from drape.blender.generation import generate
+    from drape.report.contact_sheet import draw_contact_sheet
+    from drape.report.dataset_card import dataset_card
 
-    if source == "cloth":
-        from drape.report.contact_sheet import draw_contact_sheet as draw
-        from drape.report.dataset_card import dataset_card as card
-    else:
-        from drape.report.garment_card import garment_card as card
-        from drape.report.garment_clips import render_garment_clips
-        from drape.report.garment_sheet import draw_garment_sheet as draw
     began = time.perf_counter()
     file, made = generate(settings["data"], settings["material"], settings["workers"])
     took = f"simulated in {time.perf_counter() - began:.0f} s"
-    print(card(file), took if made else "was already there with this configuration: nothing to simulate", sep="\n")
+    told = took if made else "was already there with this configuration: nothing to simulate"
+    print(dataset_card(file), told, sep="\n")
     sheet = file.path.with_suffix(".png")
     if made or not sheet.exists():
-        draw(file, sheet)
+        draw_contact_sheet(file, sheet)
     print(f"contact sheet: {sheet}")
     if settings["clips"].pop("render") and source == "garments":
+        from drape.report.garment_clips import render_garment_clips
+
         print("clips:", *render_garment_clips(file, **settings["clips"]), sep="\n  ")
 
 

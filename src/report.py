@@ -11,7 +11,7 @@ from drape import config as conf
 from drape.metrics.record import EvaluationRecord
 from drape.report.document import garment_document
 from drape.report.garment_rows import by_data, garment_rows
-from drape.report.garment_sizes import draw_sizes, size_tables
+from drape.report.garment_sizes import Size, draw_sizes, size_tables, sizes
 from drape.report.garment_tables import garment_tables
 from drape.report.garment_trade import draw_garment_trade, write_garment_trade
 from drape.report.names import data_name
@@ -24,25 +24,27 @@ def main(config: DictConfig) -> None:
     console, folder, page = Console(), Path(config.folder), conf.instantiate(config.page)
     folder.mkdir(parents=True, exist_ok=True)
     evaluations, laws, maps = find_evaluations(config.runs), [], []
+    found = sizes(evaluations)
     if evaluations:
-        garments(evaluations, console, folder)
+        garments(evaluations, found, console, folder)
     if has_runs(config.runs) or not evaluations:
         settings = {name: config[name] for name in ("ablations", "seeds", "map_fabrics")}
         makers = list(conf.instantiate(config.tables).values())
         laws, maps = write_trainings(find_runs(config.runs), folder, console, **settings, makers=makers)
-    written = page.write(evaluations, config.runs, laws, maps)
+    written = page.write(evaluations, found, config.runs, laws, maps)
     console.print(f"page: {written}", soft_wrap=True)
 
 
-def garments(evaluations: list[EvaluationRecord], console: Console, folder: Path) -> None:
-    for table in (*garment_tables(evaluations), *size_tables(evaluations)):
+def garments(evaluations: list[EvaluationRecord], found: list[Size], console: Console, folder: Path) -> None:
+    tables = [*garment_tables(evaluations), *size_tables(found)]
+    for table in tables:
         console.print(table.terminal(), "")
-    (folder / "garments.md").write_text(garment_document(evaluations), encoding="utf-8")
+    (folder / "garments.md").write_text(garment_document(tables, evaluations), encoding="utf-8")
     written = [folder / "garments.md"]
     for k, group in enumerate(by_data(evaluations)):
         path = folder / (f"garments_trade_{data_name(group[0])}.png" if k else "garments_trade.png")
         written += [draw_garment_trade(garment_rows(group), path), write_garment_trade(garment_rows(group), path)]
-    written.append(draw_sizes(evaluations, folder / "garments_sizes.png"))
+    written.append(draw_sizes(found, folder / "garments_sizes.png"))
     console.print(f"{len(evaluations)} evaluations:", *(str(path) for path in written if path), soft_wrap=True)
 
 

@@ -12,8 +12,8 @@ import trimesh
 from drape.data import schema
 from drape.data.hdf5 import GarmentFile
 from drape.data.stored_part import Header, StoredBody, StoredGarment, StoredSequence
-from drape.report.garment_card import garment_card
-from drape.report.garment_sheet import draw_garment_sheet
+from drape.report.contact_sheet import draw_contact_sheet
+from drape.report.dataset_card import dataset_card
 from tests.garments import write_groups
 
 QUALITY = {
@@ -53,7 +53,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> GarmentFile:
 
 
 def test_the_card_counts_what_quality_control_did(file: GarmentFile) -> None:
-    card = garment_card(file)
+    card = dataset_card(file)
     for text in (
         "3 sequences of 4 frames",
         "gravity 9.810 m/s2, seed 7, blender 5.0.1",
@@ -71,7 +71,7 @@ def test_the_card_counts_what_quality_control_did(file: GarmentFile) -> None:
 
 
 def test_the_sheet_shows_one_row_for_each_kind(file: GarmentFile, tmp_path: Path) -> None:
-    path = draw_garment_sheet(file, tmp_path / "sheet.png")
+    path = draw_contact_sheet(file, tmp_path / "sheet.png")
     picture = matplotlib.image.imread(path)[..., :3]
     assert 400 < picture.shape[0] < 450  # two rows
     for part in np.array_split(picture, 2):

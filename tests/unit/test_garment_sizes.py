@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drape.metrics.record import EvaluationRecord
-from drape.report.garment_sizes import draw_sizes, exponent, family, recommended, size_tables, sizes
+from drape.report.garment_sizes import MARKERS, draw_sizes, exponent, recommended, size_tables, sizes
 
 SOLVER = {"simulator": {"_target_": "drape.simulators.solver.implicit.ImplicitSolver"}, "energy": {"_target_": "x"}}
 ROWS = {
@@ -49,7 +49,7 @@ def test_exponents_of_time_are_those_that_were_put_in(tmp_path):
 def test_one_data_set_or_lists_of_other_lengths_are_no_sizes(tmp_path):
     assert sizes(evaluations(tmp_path, vertices=(500,))) == []
     alone = evaluations(tmp_path / "more", vertices=(500,))
-    assert (draw_sizes(alone, tmp_path / "none.png"), size_tables(alone)) == (None, [])
+    assert (draw_sizes(sizes(alone), tmp_path / "none.png"), size_tables(sizes(alone))) == (None, [])
 
 
 def test_needs_are_met_by_error_within_the_time_and_time_within_the_error(tmp_path):
@@ -65,14 +65,18 @@ def test_needs_are_met_by_error_within_the_time_and_time_within_the_error(tmp_pa
 
 def test_the_table_has_both_numbers_of_each_size_and_the_exponent(tmp_path):
     given = evaluations(tmp_path, names=("skinned", "slow"))
-    (table,), found = size_tables(given), sizes(given)
+    found = sizes(given)
+    (table,) = size_tables(found)
     assert table.columns == ("method", "500 vertices", "2000 vertices", "time ~ vertices^p")
-    assert [family(found[0].rows[row[0]]) for row in table.rows] == ["without dynamics", "solver"]
+    assert [found[0].rows[row[0]].family for row in table.rows] == ["without dynamics", "solver"]
     assert table.rows[1][3] == "1.50"
     assert table.rows[1][1].endswith(" / 9")
     assert "For real time (30 frames per second): skinned (500 vertices); skinned (2000 vertices)." in table.note
 
 
-def test_the_figure_is_drawn(tmp_path):
-    path = draw_sizes(evaluations(tmp_path), tmp_path / "sizes.png")
-    assert path.stat().st_size > 20_000
+def test_the_figure_has_a_marker_for_each_of_any_number_of_sizes(tmp_path):
+    """More sizes than there are markers: in the legend are all of them."""
+    vertices = range(500, 500 + 20 * (len(MARKERS) + 2), 20)
+    found = sizes(evaluations(tmp_path, names=("slow",), vertices=vertices))
+    text = draw_sizes(found, tmp_path / "sizes.svg").read_text()
+    assert [text.count(f"<!-- {size.vertices:.0f} vertices -->") for size in found] == [1] * len(found)

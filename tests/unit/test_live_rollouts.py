@@ -16,7 +16,7 @@ from drape.data.hdf5 import GarmentFile
 from drape.data.recorded_scene import START
 from drape.data.sequence_loader import Watched
 from drape.metrics.rollout_scores import ScoredRollout, rollout_scores
-from drape.report.live_rollouts import KEY, RolloutImages
+from drape.report.live_images import ROLLOUTS, RolloutImages
 from drape.report.rollout_sheet import draw_rollout_sheet
 from drape.scene.material import ATTRIBUTES
 from drape.simulators.neural.cloths import RecordedCloths
@@ -122,8 +122,10 @@ def test_the_recorded_frames_have_no_error(file, tmp_path):
 
 @pytest.mark.parametrize("frames", [1, 3])
 def test_short_sequences_fill_as_many_columns(file, tmp_path, frames):
-    picture = pixels(draw_rollout_sheet([rollout(file, 0.0, frames=frames)], tmp_path / "short.png"))[:, 60:]
-    shown = [cell.std() > 5.0 for cell in np.array_split(picture, 6, axis=1)]
+    """Beside one that fills them all."""
+    path = draw_rollout_sheet([rollout(file, 0.0, frames=frames), rollout(file, 0.0)], tmp_path / "short.png")
+    picture = pixels(path)
+    shown = [cell.std() > 5.0 for cell in np.array_split(picture[: len(picture) // 2, 60:], 6, axis=1)]
     assert shown == [True] * frames + [False] * (6 - frames)
 
 
@@ -140,7 +142,7 @@ def test_loggers_get_it_under_its_key(file, tmp_path):
     wandb.log_image = lambda key, images, step: sent.append((key, images, step))
     path = drawn(tmp_path, [rollout(file, 0.0)], loggers=(board, wandb, CSVLogger(tmp_path)))
     height, width, _ = pixels(path).shape
-    assert sent == [(KEY, (height, width, 3), 40), ("figures/rollouts", [str(path)], 40)]
+    assert sent == [(ROLLOUTS, (height, width, 3), 40), ("figures/rollouts", [str(path)], 40)]
 
 
 @pytest.mark.parametrize("change", [{"fast_dev_run": 2}, {"is_global_zero": False}])

@@ -24,7 +24,7 @@ from drape.geometry.grid import square_grid
 from drape.geometry.mesh import ClothMesh
 from drape.report.contact_sheet import draw_contact_sheet
 from drape.report.dataset_card import dataset_card
-from drape.report.shown_motion import shown_motion
+from drape.report.recorded import shown_motion
 from drape.scene.mass import vertex_areas
 from drape.scene.material import ATTRIBUTES
 from tests.recordings import DENSITY, STIFFNESS, as_version_1, patch, swinging, write_meshes, write_npz
@@ -201,7 +201,7 @@ def test_a_held_out_sequence_is_a_scene_with_its_own_mesh_and_pins(tmp_path: Pat
 def test_card_and_contact_sheet(tmp_path: Path) -> None:
     file = recorded(tmp_path / "root")
     card = dataset_card(file)
-    assert "cloth of 0.57 m and 0.2 kg/m2: 16 vertices, 18 faces" in card
+    assert "cloth of 0.57 m from corner to corner and 0.2 kg/m2: 16 vertices, 18 faces" in card
     assert "pinned: 1, 2" in card
     assert "pinned: 0, 1" in card
     assert draw_contact_sheet(file, tmp_path / "sheet.png").stat().st_size > 10_000

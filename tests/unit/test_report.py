@@ -15,10 +15,9 @@ from drape.config.resolvers import CONF
 from drape.errors import DrapeError
 from drape.metrics.record import RunRecord
 from drape.report.curves import draw_curves, panels, read_curves
-from drape.report.document import document, settings_of, tables
+from drape.report.document import document, missing, settings_of, tables
 from drape.report.energy_map import POINTS, draw_energy_map, energy_of, sample_map
 from drape.report.learned import learned_energies
-from drape.report.provenance import missing
 from drape.report.runs import Configuration, configurations, find_runs
 from drape.report.table import Table, number
 from drape.report.tables import arranged, energy_error_table, force_table, orderings, paper

@@ -15,8 +15,7 @@ from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
 from drape.energy.terms.ipc import Barrier
 from drape.geometry.grid import square_grid
-from drape.report.animated import animated
-from drape.report.frame_numbers import spans
+from drape.report.animated import animated, spans
 from drape.scene.material import Material
 from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins

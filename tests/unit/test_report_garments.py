@@ -14,10 +14,11 @@ from drape.errors import DrapeError
 from drape.metrics.record import EvaluationRecord
 from drape.report.document import garment_document
 from drape.report.garment_colours import row_styles
-from drape.report.garment_comparison import draw_garment_comparison, error_by_frame
-from drape.report.garment_rows import by_data, duration, garment_rows, published, row_label
+from drape.report.garment_curves import draw_garment_comparison, error_by_frame
+from drape.report.garment_rows import by_data, duration, garment_rows, published
 from drape.report.garment_tables import animation_tables, comparison_table, garment_tables
 from drape.report.garment_trade import draw_garment_trade, trade_rows, write_garment_trade
+from drape.report.labels import row_label
 from drape.report.runs import find_evaluations
 from drape.report.table import Table
 
@@ -41,8 +42,13 @@ def record(name: str, error: float, training: dict | None = None, **changes: obj
     method = {"name": name, "simulator": {"_target_": changes.pop("target", "drape.simulators.baselines.Frozen")}}
     method |= {"training": training} if training else {}
     method |= changes.pop("method", {})
-    provenance = {"command": f"python src/evaluate.py name={name}"} | changes.pop("provenance", {})
+    provenance = {"command": "python src/evaluate.py"} | changes.pop("provenance", {})
     return EvaluationRecord(method, data | changes, metrics, provenance)
+
+
+def solver(law: str, contact: str = "surface") -> dict:
+    name = f"drape.energy.terms.contact.{contact.capitalize()}Contact"
+    return {"energy": {"_target_": f"drape.energy.fabric.{law}"}, "contact": {"_target_": name}}
 
 
 def trained(row: str, seed: int = 0, ablation: str = "none", scale: str = "cpu", **more: object) -> dict:
@@ -104,9 +110,9 @@ def test_without_a_trained_simulator_there_is_no_table_of_the_papers():
     assert animation_tables([record("solver", 10.0, method={"energy": {}})]) == []
 
 
-def test_solvers_stand_below_by_their_names():
-    ours = [record("x", 10.0, trained("mgn")), record("solver", 5.0, method={"energy": {}}), record("frozen", 50.0)]
-    assert [row[0] for row in animation_tables(ours)[0].rows][-2:] == ["MGN-H+EUNet (paper)", "solver"]
+def test_solvers_stand_below():
+    ours = [record("x", 10.0, trained("mgn")), record("implicit", 5.0, method=solver("phys")), record("frozen", 50.0)]
+    assert [row[0] for row in animation_tables(ours)[0].rows][-2:] == ["MGN-H+EUNet (paper)", "solver + PHYS"]
 
 
 # Rows
@@ -131,28 +137,62 @@ def test_a_record_says_what_its_row_is_called():
 
 
 def test_solvers_are_named_by_their_energies_unless_the_user_has_named_them():
-    """And by their names as well where the same one was evaluated with several laws."""
-    solver = {"energy": {}}
-    found = [record(name, 5.0, method=solver) for name in ("implicit_phys", "implicit_eunet", "mine")]
-    assert {row.label for row in garment_rows(found)} == {"solver + PHYS", "solver + EUNet", "mine"}
-    found = [record(name, 5.0, method=solver) for name in ("implicit_eunet_baked", "implicit_eunet_baked_garment")]
-    labels = [f"solver + baked EUNet [name implicit_eunet_baked{end}]" for end in ("", "_garment")]
-    assert sorted(row.label for row in garment_rows(found)) == labels
+    """And by their names as well where the same one was evaluated with several tables."""
+    named = {"provenance": {"command": "python src/evaluate.py energy=phys name=mine"}}
+    found = [record(f"implicit_{law}", 5.0, method=solver(law)) for law in ("phys", "eunet", "my_own")]
+    found.append(record("mine", 5.0, method=solver("phys"), **named))
+    labels = {"solver + PHYS", "solver + EUNet", "solver + my own", "mine"}
+    assert {row.label for row in garment_rows(found)} == labels
+    names = ("implicit_eunet_baked", "implicit_eunet_baked_garment")
+    found = [record(name, 5.0, method=solver("eunet_baked")) for name in names]
+    assert sorted(row.label for row in garment_rows(found)) == [f"solver + baked EUNet [name {name}]" for name in names]
 
 
 @pytest.mark.parametrize(
-    ("name", "settings", "label"),
+    ("settings", "contact", "label"),
     [
-        ("implicit_phys", {"iterations": 300, "steps": 1}, "solver + PHYS"),
-        ("implicit_phys_10", {"iterations": 10, "steps": 1}, "solver + PHYS, 10 evaluations"),
-        ("implicit_phys", {"iterations": 40}, "solver + PHYS, 40 evaluations"),
-        ("implicit_phys_10_x4", {"iterations": 10, "steps": 4}, "solver + PHYS, 10 evaluations, 4 steps a frame"),
-        ("implicit_phys_x2", {"iterations": 300, "steps": 2}, "solver + PHYS, 2 steps a frame"),
-        ("mine_10", {"iterations": 10}, "mine_10"),
+        ({"iterations": 300, "steps": 1}, "surface", "solver + PHYS"),
+        ({"iterations": 40}, "surface", "solver + PHYS, 40 evaluations"),
+        ({"iterations": 10, "steps": 4}, "surface", "solver + PHYS, 10 evaluations, 4 steps a frame"),
+        ({"iterations": 300, "steps": 2}, "ipc", "solver + PHYS, contact=ipc, 2 steps a frame"),
+        ({"iterations": 300}, "paper", "solver + PHYS, contact=paper"),
     ],
 )
-def test_labels_say_what_a_solver_might_spend_from_its_settings(name, settings, label):
-    assert row_label(record(name, 5.0, method={"energy": {}, "simulator": settings})) == label
+def test_labels_say_what_a_solver_might_spend_from_its_settings(settings, contact, label):
+    method = solver("phys", contact) | {"simulator": settings}
+    assert row_label(record("implicit_phys_5_x7", 5.0, method=method)) == label
+
+
+def test_rows_stand_in_the_order_of_the_paper_and_of_budgets():
+    """Whatever their errors and names are: those without dynamics, networks, solvers, the noise floor."""
+    budgets = [(20, 4), (40, 1), (5, 1), (20, 1), (10, 1)]
+    found = [record("twin", 0.2, target=TWIN), record("frozen", 5.0), record("skinned", 50.0)]
+    for k, (iterations, steps) in enumerate(budgets):
+        method = solver("eunet") | {"simulator": {"iterations": iterations, "steps": steps}}
+        found.append(record(f"implicit_{k}", 5.0 + k, method=method))
+    for name in ("hood", "mine", "mgn_s_eunet", "layersnet", "mgn"):
+        found += [record(f"{name}_seed{seed}", 5.0, trained(name, seed=seed)) for seed in (1, 0)]
+    found.append(record("free", 1.0, trained("mgn_s_eunet", ablation="no_bending")))
+    labels = [row.label for row in garment_rows(found)]
+    networks = ["MGN", "LayersNet", "HOOD", "MGN-S+EUNet", "MGN-S+EUNet w/o bending", "mine"]
+    solvers = [f"{n} evaluations{end}" for n, end in
+               ((5, ""), (10, ""), (20, ""), (20, ", 4 steps a frame"), (40, ""))]  # fmt: skip
+    solvers = [f"solver + EUNet, {words}" for words in solvers]
+    assert labels == ["skinned", "frozen", *networks, *solvers, "noise floor (twin)"]
+
+
+def test_a_row_with_other_settings_is_neither_that_row_nor_a_seed_of_it(tmp_path: Path):
+    """It says which network, law and losses it has; or what ``label=...`` has called it."""
+    told = "python src/train.py model=mgn_s_eunet seed=0 logger=csv"
+    other = f"{told} model/law@model.potential=network loss=newton model.potential.checkpoint=a/b.ckpt name=mine"
+    commands = [told, told.replace("seed=0", "seed=1"), other, f"{other} 'label=My law'"]
+    for k, command in enumerate(commands):
+        (tmp_path / str(k)).mkdir()
+        label = "My law" if "label" in command else "MGN-S+EUNet"
+        training = trained("mgn_s_eunet", seed=k % 2, label=label, command=command)
+        record(f"mgn_s_eunet_cpu_seed_{k % 2}", 10.0 + k, training).save(tmp_path / str(k))
+    rows = {row.label: row.seeds for row in garment_rows(find_evaluations(tmp_path))}
+    assert rows == {"MGN-S+EUNet": [0, 1], "MGN-S+EUNet (law=network, loss=newton)": [0], "My law": [1]}
 
 
 def test_seeds_are_averaged_and_their_range_is_stated():
@@ -246,7 +286,8 @@ def test_seeds_of_one_name_are_all_found(tmp_path: Path):
         (tmp_path / str(k)).mkdir()
         record("hood", 10.0, trained("hood", seed=k % 2)).save(tmp_path / str(k))
     assert sorted(each.method["training"]["seed"] for each in find_evaluations(tmp_path)) == [0, 1]
-    text = garment_document(find_evaluations(tmp_path))
+    found = find_evaluations(tmp_path)
+    text = garment_document(garment_tables(found), found)
     assert re.search(r"\| HOOD \| 2 \|", text)
     assert "last table of the appendix" in text
 
@@ -255,14 +296,15 @@ def test_seeds_of_one_name_are_all_found(tmp_path: Path):
 
 
 def test_the_trade_has_every_row_but_the_twin(tmp_path: Path):
-    found = [record("twin", 0.2, target=TWIN), record("solver", 5.0, method={"energy": {}})]
+    found = [record("twin", 0.2, target=TWIN), record("implicit", 5.0, method=solver("phys"))]
     found += [record(f"h_seed{k}", 10.0 + k, trained("hood", seed=k)) for k in (0, 1)]
     rows = garment_rows(found)
-    assert {(each["method"], each["seeds"]) for each in trade_rows(rows)} == {("solver", 1), ("HOOD", 2)}
+    assert {(each["method"], each["seeds"]) for each in trade_rows(rows)} == {("solver + PHYS", 1), ("HOOD", 2)}
     with open(write_garment_trade(rows, tmp_path / "trade.png"), newline="") as file:
         lines = {line["method"]: line for line in csv.DictReader(file)}
     assert (float(lines["HOOD"]["error_mm"]), float(lines["HOOD"]["ms_per_frame"])) == (21.0, 40.0)
-    assert (lines["HOOD"]["scale"], lines["solver"]["scale"], lines["solver"]["floor_mm"]) == ("cpu", "", "0.5")
+    assert (lines["HOOD"]["scale"], lines["solver + PHYS"]["scale"]) == ("cpu", "")
+    assert lines["solver + PHYS"]["floor_mm"] == "0.5"
     assert draw_garment_trade(rows, tmp_path / "trade.png").stat().st_size > 10_000
     assert draw_garment_trade(rows[-1:], tmp_path / "none.png") is None, "the twin alone is no trade"
 
@@ -273,9 +315,8 @@ def test_a_row_looks_the_same_in_every_figure_and_unlike_the_others():
     found += [record("h", 5.0, trained(row, scale=scale)) for row in ("hood", "mine") for scale in ("cpu", "paper")]
     rows = garment_rows(found)
     styles = row_styles(rows)
-    assert len({tuple(style.values()) for style in styles.values()}) == len(styles) == 8
+    assert len({style["color"] for style in styles.values()}) == len(styles) == 8
     assert row_styles([row for row in rows if not row.is_twin]) == styles
-    assert styles["HOOD [scale cpu]"]["color"] == styles["HOOD [scale paper]"]["color"]
     assert "-" not in {styles["frozen"]["linestyle"], styles["skinned"]["linestyle"]}
 
 

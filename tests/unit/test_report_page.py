@@ -86,9 +86,10 @@ class Checked(HTMLParser):
 @pytest.fixture(scope="module")
 def page(data, tmp_path_factory) -> tuple[Path, list[EvaluationRecord]]:
     runs = tmp_path_factory.mktemp("runs")
+    named = {"command": "python src/evaluate.py 'name=solver <b>&amp;'"}
     found = [
         evaluated(data, runs / "a", "hood_seed0", training=trained("hood")),
-        evaluated(data, runs / "b", "solver <b>&amp;", 0.2, method={"energy": {}}),
+        evaluated(data, runs / "b", "solver <b>&amp;", 0.2, method={"energy": {}}, provenance=named),
         evaluated(data, runs / "c", "broken", 0.0),
         evaluated(data, runs / "d", "twin", 0.0, target="drape.simulators.baselines.Twin"),
     ]
@@ -97,7 +98,7 @@ def page(data, tmp_path_factory) -> tuple[Path, list[EvaluationRecord]]:
     Image.new("RGB", (4, 4)).save(runs / "eunet" / "figures" / "energy_map.png")
     cells = "EUNet", "1.00 ± 0.20 (0.90…1.10)"
     law = Table("Energy <of> fabrics", ("row", "silk"), (cells,), footnotes=("a: <x>",))
-    return Page(runs / "page", sequences=2, height=60).write(found, runs, [law]), found
+    return Page(runs / "page", sequences=2, height=60).write(found, [], runs, [law]), found
 
 
 def test_the_page_is_well_formed_and_shows_every_row(page):
@@ -144,7 +145,7 @@ def test_a_missing_animation_is_a_sentence_and_the_others_are_there(page):
 
 def test_missing_data_are_a_sentence(tmp_path):
     made = dataclasses.replace(record("a", 10.0, path=str(tmp_path / "gone.h5")), folder=tmp_path)
-    text = Page(tmp_path / "page", sequences=1).write([made], tmp_path, []).read_text()
+    text = Page(tmp_path / "page", sequences=1).write([made], [], tmp_path, []).read_text()
     assert "Nothing to show" in text
     assert "gone.h5" in text
 

@@ -1,79 +1,68 @@
-"""A few sequences of a data set at a glance, as one PNG."""
+"""A few sequences of a data set at a glance, as one PNG: garments on their bodies, or sheets."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
-from jaxtyping import Float
-from matplotlib.collections import PolyCollection
 
-from drape.data.hdf5 import GarmentFile
-from drape.data.sequence import GarmentSequence
+from drape.data.hdf5 import GarmentFile, GarmentSequence
+from drape.data.look import fabric_colour
+from drape.report.picture_sheet import Line, draw_pictures
+from drape.report.preview import BODY_COLOUR
+from drape.report.raster import Surface, draw
+from drape.scene.camera import Camera
 
-FRAMES = 6
-PER_FABRIC = 2
-COLOURS = ("#c98bb9", "#a9744f", "#4f74b3", "#d9b44a", "#6aa786", "#8d8d8d")
-LIGHT = np.array([-0.40, 0.58, 0.71])
-"""Direction of the light: right, up, towards the viewer."""
-AZIMUTH, ELEVATION = np.radians(35.0), np.radians(18.0)
-"""Direction of view: turned about the vertical from the y axis, and from above."""
+FRAMES = 7
+ROWS = 12
+OF_EACH_FABRIC = 2
+"""Sheets of it."""
+HEIGHT, UPRIGHT = 210, 150
+"""Height of a picture, and its width where people stand in it [pixels]; sheets are shown in squares."""
 
 
 def draw_contact_sheet(file: GarmentFile, path: Path) -> Path:
-    """Draw the first sequences of each fabric, one a row, at evenly spaced times; returns ``path``.
+    """Draw one garment of each kind, or the first sheets of each fabric, at even times; returns ``path``.
 
-    Orthographic, the same scale and place within a row; dots are pins, the back of the cloth is darker.
+    The vertices that are pinned are black.
     """
-    numbered = list(enumerate(file.sequences))
-    rows = [row for name in file.fabrics for row in [row for row in numbered if row[1].fabric == name][:PER_FABRIC]]
-    longest = max(sequence.num_frames for _, sequence in rows)
-    frames = np.unique(np.linspace(0, longest - 1, FRAMES).round().astype(int))
-    figure, axes = plt.subplots(
-        len(rows), len(frames), figsize=(1.6 * len(frames) + 0.3, 1.6 * len(rows) + 0.3), squeeze=False
-    )
-    for line, (number, sequence) in zip(axes, rows, strict=True):
-        screen = sequence.positions @ _view()
-        centre = 0.5 * (screen.min((0, 1)) + screen.max((0, 1)))[:2]
-        half = 0.53 * np.ptp(screen, axis=(0, 1))[:2].max() * np.array([-1.0, 1.0])
-        fabric = file.fabrics.index(sequence.fabric)
-        for axis, frame in zip(line, frames, strict=True):
-            if frame < len(screen):
-                _draw(axis, screen[frame], sequence, COLOURS[fabric % len(COLOURS)])
-            axis.set(xlim=centre[0] + half, ylim=centre[1] + half, aspect="equal", xticks=[], yticks=[])
-            axis.spines[:].set_color("#dddddd")
-        line[0].set_ylabel(f"{file.fabrics[fabric]} (no. {number})", fontsize=8)
-    for axis, frame in zip(axes[0], frames, strict=True):
-        axis.set_title(f"{frame * file.dt:.2f} s", fontsize=8)
-    width, height = figure.get_size_inches()
-    figure.subplots_adjust(0.3 / width, 0.06 / height, 0.995, 1 - 0.3 / height, wspace=0.04, hspace=0.04)
-    figure.savefig(path, dpi=90)
-    plt.close(figure)
-    return path
+    shown = [file.sequence(name) for name in (one_of_each_kind(file) or _of_each_fabric(file))[:ROWS]]
+    return draw_pictures([_line(sequence) for sequence in shown], path)
 
 
-def _view() -> Float[np.ndarray, "3 3"]:
-    """Columns: to the right, up, and towards the viewer."""
-    cos, sin = np.cos(AZIMUTH), np.sin(AZIMUTH)
-    right = np.array([cos, sin, 0.0])
-    viewer = np.array([sin * np.cos(ELEVATION), -cos * np.cos(ELEVATION), np.sin(ELEVATION)])
-    return np.stack([right, np.cross(viewer, right), viewer], axis=1)
+def one_of_each_kind(file: GarmentFile) -> list[str]:
+    """The first garment on a body of each kind whose fabric and motion the ones before show least often."""
+    rows: dict[str, GarmentSequence] = {}
+    dressed = [sequence for sequence in file.sequences if sequence.body]
+    for kind in dict.fromkeys(sequence.kind for sequence in dressed):
+        shown = [row.fabric for row in rows.values()]
+        moves = [row.motion for row in rows.values()]
+        choice = [sequence for sequence in dressed if sequence.kind == kind]
+        rows[kind] = min(choice, key=lambda s: (shown.count(s.fabric) + moves.count(s.motion), s.name))
+    return [row.name for row in rows.values()]
 
 
-def _draw(axis: plt.Axes, screen: np.ndarray, sequence: GarmentSequence, colour: str) -> None:
-    """Triangles from back to front, shaded by the angle to the light."""
-    triangles = screen[sequence.mesh.faces]
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12
-    shade = (0.2 + 0.8 * np.abs(normals @ LIGHT)) * np.where(normals[:, 2] > 0, 1.0, 0.72)
-    base = np.array(matplotlib.colors.to_rgb(colour))
-    order = np.argsort(triangles[:, :, 2].mean(axis=1))
-    colours = np.clip(shade[:, None] * base, 0.0, 1.0)[order]
-    axis.add_collection(PolyCollection(triangles[order, :, :2], facecolors=colours, edgecolors=colours, linewidths=0.3))
-    across, up = screen[sequence.pinned, :2].T
-    axis.scatter(across, up, s=6, color="black", zorder=3)
+def _of_each_fabric(file: GarmentFile) -> list[str]:
+    named = [[each.name for each in file.sequences if each.fabric == fabric] for fabric in file.fabrics]
+    return [name for names in named for name in names[:OF_EACH_FABRIC]]
+
+
+def _line(sequence: GarmentSequence) -> Line:
+    frames = np.unique(np.linspace(0, sequence.num_frames - 1, FRAMES).round().astype(int)).tolist()
+    seen = sequence.body_positions[frames] if sequence.body else sequence.positions
+    width = UPRIGHT if sequence.body else HEIGHT
+    camera = Camera.framing([seen.reshape(-1, 3)], width / HEIGHT)
+    pictures = [draw(_surfaces(sequence, frame), camera, width, HEIGHT) for frame in frames]
+    kind = f"{sequence.kind}, " if sequence.body else ""
+    motion = f", {sequence.motion}" if sequence.motion else ""
+    words = f"{kind}{sequence.fabric}{motion}\n({sequence.split}, no. {sequence.name})"
+    return Line(pictures, [frame * sequence.file.dt for frame in frames], words)
+
+
+def _surfaces(sequence: GarmentSequence, frame: int) -> list[Surface]:
+    colours = np.tile(fabric_colour(sequence.fabric), (sequence.mesh.num_vertices, 1))
+    colours[sequence.pinned] = 0.0
+    garment = Surface(sequence.positions[frame], sequence.mesh.faces, colours)
+    if not sequence.body:
+        return [garment]
+    return [Surface(sequence.body_positions[frame], sequence.body_faces, BODY_COLOUR), garment]

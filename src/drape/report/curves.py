@@ -9,6 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from drape.errors import DrapeError
+from drape.report.figure_theme import save_figure
 from drape.training.metrics_csv import parts
 
 AXES = ("step", "epoch")
@@ -78,7 +79,4 @@ def draw_curves(metrics_csv: Path | str, path: Path | str) -> Path:
             axis.legend(fontsize=7)
     for axis in axes[len(grouped) :]:
         axis.set_axis_off()
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    return path
+    return save_figure(figure, Path(path))

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from drape.energy.law.deformation import StretchHinge
 from drape.energy.law.units import PotentialUnits
+from drape.report.figure_theme import save_figure
 
 STRETCH = 5e-3
 """Δl of the map is -5…5 mm [m] (paper, figure 4)."""
@@ -76,10 +77,7 @@ def draw_energy_map(
     for axis in axes[-1]:
         axis.set_xlabel("Δl [mm]")
     figure.suptitle("Elastic energy φp of an edge relative to rest [J]", fontsize=10)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150)
-    return path
+    return save_figure(figure, Path(path))
 
 
 def _draw_panel(figure: Figure, axis: Axes, energies: Float[np.ndarray, "points points"]) -> None:

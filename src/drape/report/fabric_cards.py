@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from drape.report.figure_theme import save_figure
 from drape.report.raster import Surface, draw
 from drape.scene.camera import Camera
 
@@ -65,10 +66,7 @@ def draw_cards(cards: Sequence[Pictured], path: Path | str) -> Path:
         _draw_numbers(numbers, card)
     axes[1, 0].set_ylabel("cantilever test [cm]")
     axes[2, 0].set_ylabel("law beside published")
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    return path
+    return save_figure(figure, Path(path))
 
 
 def _draped(card: Pictured) -> np.ndarray:

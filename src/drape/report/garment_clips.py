@@ -14,7 +14,7 @@ from drape.data.animation_writer import AnimationWriter
 from drape.data.hdf5 import GarmentFile
 from drape.data.recorded_scene import START, recorded_scene
 from drape.data.whole_file import whole_file
-from drape.report.garment_sheet import one_of_each_kind
+from drape.report.contact_sheet import one_of_each_kind
 from drape.scene.state import State
 
 QUALITY = 70

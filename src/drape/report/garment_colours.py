@@ -5,40 +5,55 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from drape.report.garment_rows import GarmentRow, row_label
+from matplotlib.colors import LinearSegmentedColormap, to_hex
 
-OF_ROWS = {
-    "MGN": "#d9822b",
-    "LayersNet": "#b89b1d",
-    "MGN-S+PHYS": "#3f9c5a",
-    "MGN-S+PHYS+F": "#86b34a",
-    "HOOD w/o EST": "#b48ae0",
-    "HOOD": "#7a5ad6",
-    "MGN-S+EUNet": "#2f8fd8",
-    "MGN-S+EUNet w/o bending": "#7fbbe6",
-    "MGN-H+EUNet": "#d6457f",
-}
-OF_SOLVERS = ("#e04b3a", "#1fa7a0", "#a8522d", "#c25ab0", "#6b8e23", "#4c6fb1")
+from drape.report.garment_rows import NETWORKS, WITHOUT, GarmentRow, papers_place, place
+from drape.report.labels import budget_of, solver_label
+
+OF_NETWORKS = (
+    "#d9822b", "#b89b1d", "#3f9c5a", "#86b34a", "#b48ae0", "#7a5ad6", "#2f8fd8", "#d6457f", "#8a6d5a",
+)  # fmt: skip
+"""By place in the paper's table."""
+OF_LAWS = (("#f2a33a", "#e04b3a", "#a8328f", "#4f46c9"), ("#a5c93c", "#1fa7a0", "#2f6fd0"), ("#e39ac2", "#a8522d"))
+"""From the first to the last budget of a solver, for each law and contact."""
 OF_OTHERS = ("#7d8793", "#b08d57", "#6f9a7a", "#a07fa8")
-"""Baselines that know nothing of the fabric."""
+"""Without dynamics."""
+GREY = "#8c8c8c"
 STYLES = ("-", "--", ":", "-.")
 
 
 def row_styles(rows: Sequence[GarmentRow]) -> dict[str, dict[str, Any]]:
-    """Colour and dashes by label; rows of one name share the colour, and baselines are never solid. No twins."""
-    shown = sorted((row for row in rows if not row.is_twin), key=lambda row: row.label)
-    names = {row.label: row_label(row.records[0]) for row in shown}
-    colours: dict[str, str] = {}
-    for palette, of_palette in (
-        (OF_SOLVERS, [row for row in shown if row.is_solver or (row.training and names[row.label] not in OF_ROWS)]),
-        (OF_OTHERS, [row for row in shown if not row.is_solver and not row.training]),
-    ):
-        for place, name in enumerate(dict.fromkeys(names[row.label] for row in of_palette)):
-            colours[name] = palette[place % len(palette)]
-    styles = {}
-    for k, row in enumerate(shown):
-        name, same = names[row.label], [names[other.label] for other in shown[:k]].count(names[row.label])
-        dashes = same if row.is_solver or row.training else 1 + OF_OTHERS.index(colours[name])
-        colour = OF_ROWS[name] if row.training and name in OF_ROWS else colours[name]
+    """Colour and dashes by label, no noise floor.
+
+    A network has the colour of its row in the paper, a variant of it a greyer one with dashes. Solvers of one law and
+    contact go through its colours from the smallest budget to the largest, with dashes by their time steps in a frame.
+    Rows without dynamics are never solid.
+    """
+    shown = sorted((row for row in rows if not row.is_twin), key=place)
+    laws = list(dict.fromkeys(solver_label(row.records[0]) for row in shown if row.is_solver))
+    steps = sorted({budget_of(row.records[0])[1] for row in shown if row.is_solver})
+    styles: dict[str, dict[str, Any]] = {}
+    for row in shown:
+        like = [other for other in shown if other.family == row.family and _hue(other, laws) == _hue(row, laws)]
+        number, hue = like.index(row), _hue(row, laws)
+        if row.family == NETWORKS:
+            colour, dashes = _between((OF_NETWORKS[hue % len(OF_NETWORKS)], GREY), 0.65 * number / len(like)), number
+        elif row.family == WITHOUT:
+            colour, dashes = OF_OTHERS[number % len(OF_OTHERS)], 1 + number % (len(STYLES) - 1)
+        else:
+            colour = _between(OF_LAWS[hue % len(OF_LAWS)], number / max(len(like) - 1, 1))
+            dashes = steps.index(budget_of(row.records[0])[1])
         styles[row.label] = {"color": colour, "linestyle": STYLES[dashes % len(STYLES)]}
     return styles
+
+
+def _hue(row: GarmentRow, laws: Sequence[str]) -> int:
+    """Number of a row's colours among those of its family."""
+    if row.family == NETWORKS:
+        return papers_place(row)
+    return laws.index(solver_label(row.records[0])) if row.is_solver else 0
+
+
+def _between(colours: Sequence[str], share: float) -> str:
+    """The colour at a share of the way from the first to the last."""
+    return to_hex(LinearSegmentedColormap.from_list("", list(colours))(share))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,24 +12,27 @@ from typing import Any
 
 import yaml
 
-from drape.errors import DrapeError
 from drape.metrics.fabric_metric import OVERALL
 from drape.metrics.record import EvaluationRecord
-from drape.report.rows import row_name
-from drape.report.runs import Spread, seed_of
-from drape.simulators.choice import chosen_budget
+from drape.report.labels import (
+    budget_of,
+    is_twin,
+    plain_name,
+    row_label,
+    seed_of,
+    settings,
+    solver_label,
+    training_key,
+    training_of,
+)
+from drape.report.runs import Spread
 
-FLOOR = "noise floor (twin)"
-TWIN = "drape.simulators.baselines.Twin"
 PAPER = " (paper)"
 """After the label of a row whose numbers are the paper's."""
-OF_SEED = re.compile(r"[\s_/-]*(seed|s)[_=-]?\d+$")
-"""The end of a name that says the seed."""
-OF_BUDGET = re.compile(r"(_\d+)?(_x\d+)?$")
-"""The end of a name that says what a solver may spend."""
-SPENT = {"iterations": "{} evaluations", "steps": "{} steps a frame"}
-"""Words of labels for that."""
-TOLD_APART_BY = ("scale", "iterations", "name")
+WITHOUT, NETWORKS, SOLVER, NO_CROSSING = "without dynamics", "networks", "solver", "solver, nothing crosses"
+FAMILIES = (WITHOUT, NETWORKS, SOLVER, NO_CROSSING)
+"""Kinds of ways to animate garments, in the order of tables."""
+TOLD_APART_BY = ("scale", "iterations", "material", "name")
 """Additions to labels that would be the same, in this order."""
 
 
@@ -68,6 +70,21 @@ class GarmentRow:
         """Whether energies are minimised."""
         return "energy" in self.records[0].method and not self.training
 
+    @property
+    def family(self) -> str:
+        """One of :data:`FAMILIES`."""
+        if self.training:
+            return NETWORKS
+        if not self.is_solver:
+            return WITHOUT
+        return NO_CROSSING if solver_label(self.records[0]).endswith("contact=ipc") else SOLVER
+
+    @property
+    def error(self) -> float:
+        """Overall [mm]; infinite where no frame of it was finite."""
+        error = self.over_seeds("error_mm")
+        return math.inf if error is None else error.mean
+
     def over_seeds(self, score: str, name: str = OVERALL) -> Spread | None:
         """Mean and range over seeds of one score of one kind of garment; None where no record has it."""
         values = [float(r.metrics[f"{score}/{name}"]) for r in self.records if f"{score}/{name}" in r.metrics]
@@ -96,45 +113,6 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
-def is_twin(record: EvaluationRecord) -> bool:
-    """Whether an evaluation is that of the perturbed twins."""
-    simulator = record.method["simulator"]
-    return isinstance(simulator, Mapping) and simulator.get("_target_") == TWIN
-
-
-def training_of(record: EvaluationRecord) -> Mapping[str, Any]:
-    """``method["training"]``: row, label, ablation, scale, seed, iterations, seconds, parameters, command; or nothing.
-
-    Raises:
-        DrapeError: it is no mapping, or does not say which row it is.
-    """
-    found = record.method.get("training") or {}
-    if not isinstance(found, Mapping) or (found and not isinstance(found.get("row"), str)):
-        raise DrapeError(
-            f"{record.folder}: method/training: found {found!r}; expected a mapping with at least the name of its row; "
-            "evaluate again"
-        )
-    return found
-
-
-def row_label(record: EvaluationRecord) -> str:
-    """The label of a trained simulator, solver and energy, or else the name of the evaluation."""
-    if is_twin(record):
-        return FLOOR
-    training = training_of(record)
-    if not training:
-        name = str(record.method["name"])
-        return _solver(record) or (OF_SEED.sub("", name) if seed_of(record) is not None else name)
-    return row_name(str(training.get("label", "")), training["row"], str(training.get("ablation", "none")))
-
-
-def _solver(record: EvaluationRecord) -> str | None:
-    """The label of a solver, with what it might spend, where the evaluation was not given a name."""
-    label = published()["solvers"].get(OF_BUDGET.sub("", str(record.method["name"])))
-    budget = chosen_budget(record.method["simulator"])
-    return label and ", ".join([label, *(SPENT[name].format(value) for name, value in budget.items())])
-
-
 def by_data(records: Sequence[EvaluationRecord]) -> list[list[EvaluationRecord]]:
     """Evaluations that may be compared, together: same file, split, sequences, frames; the most sequences first."""
     groups: dict[str, list[EvaluationRecord]] = {}
@@ -144,33 +122,43 @@ def by_data(records: Sequence[EvaluationRecord]) -> list[list[EvaluationRecord]]
 
 
 def garment_rows(records: Sequence[EvaluationRecord]) -> list[GarmentRow]:
-    """Rows of evaluations on the same data, the largest error first; labels say what rows do not share.
+    """Rows of evaluations on the same data in the order of tables; labels say what rows do not share.
 
     Where their scales differ, each label of a trained simulator says its own.
     """
     groups: dict[tuple, list[EvaluationRecord]] = {}
     for record in records:
-        training = training_of(record)
-        kept = (training.get("row"), training.get("ablation"), training.get("scale"), training.get("iterations"))
-        name = str(record.method["name"])
-        groups.setdefault((*kept, OF_SEED.sub("", name) if seed_of(record) is not None else name), []).append(record)
+        groups.setdefault((training_key(training_of(record)), plain_name(record)), []).append(record)
     rows = []
     for group in groups.values():
         seeds = list(map(seed_of, group))
         parts = [group] if len(set(seeds)) == len(seeds) else [[record] for record in group]
         rows += [GarmentRow(row_label(part[0]), tuple(sorted(part, key=lambda r: seed_of(r) or 0))) for part in parts]
-    return sorted(_told_apart(rows), key=_error, reverse=True)
+    return sorted(_told_apart(rows), key=place)
+
+
+def place(row: GarmentRow) -> tuple:
+    """Sorting key: the largest error first without dynamics, networks as the paper has them, solvers by budget."""
+    family = FAMILIES.index(row.family)
+    if row.is_twin:
+        return len(FAMILIES), 0, row.label
+    if row.training:
+        return family, papers_place(row), row.label
+    if row.is_solver:
+        return family, solver_label(row.records[0]), *budget_of(row.records[0]), row.label
+    return family, -row.error, row.label
+
+
+def papers_place(row: GarmentRow) -> int:
+    """Place in the paper's table of a trained simulator, or of that whose variant it is; the last of others."""
+    names = list(published()["rows"])
+    found = [name for name in names if row.label == name or row.label.startswith((f"{name} ", f"{name},"))]
+    return names.index(max(found, key=len)) if found else len(names)
 
 
 def noise_floor(rows: Sequence[GarmentRow]) -> float | None:
     """Mean error of the noise floor [mm], which every row on the same data says; None where the data have none."""
     return next((floor.mean for row in rows if (floor := row.over_seeds("floor_mm")) is not None), None)
-
-
-def _error(row: GarmentRow) -> float:
-    """Overall [mm]; infinite where no frame of it was finite."""
-    error = row.over_seeds("error_mm")
-    return math.inf if error is None else error.mean
 
 
 def scales(rows: Sequence[GarmentRow]) -> list[str]:
@@ -191,5 +179,5 @@ def _told_apart(rows: Sequence[GarmentRow]) -> list[GarmentRow]:
 
 
 def _marks(row: GarmentRow) -> dict[str, str]:
-    name = OF_SEED.sub("", str(row.records[0].method["name"]))
+    name = settings(row.training).get("name") or plain_name(row.records[0])
     return {key: str(row.training.get(key, "")) for key in TOLD_APART_BY[:-1]} | {"name": name}

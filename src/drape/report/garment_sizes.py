@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,22 +11,18 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from drape.metrics.record import EvaluationRecord
 from drape.report.figure_theme import INK, save_figure, themed, written_out
-from drape.report.garment_rows import GarmentRow, by_data, garment_rows, noise_floor
+from drape.report.garment_rows import FAMILIES, NETWORKS, WITHOUT, GarmentRow, by_data, garment_rows, noise_floor, place
 from drape.report.table import Table
 
 SEQUENCES = "sequences.csv"
-FAMILIES = {
-    "without dynamics": "#7d8793",
-    "networks": "#d9822b",
-    "solver": "#2f6fd0",
-    "solver, nothing crosses": "#3f9c5a",
-}
-"""Colours by family."""
-MARKERS = ("o", "s", "^", "D", "v")
-"""One for each size, the smallest first."""
+COLOURS = dict(zip(FAMILIES, ("#7d8793", "#d9822b", "#2f6fd0", "#3f9c5a"), strict=True))
+"""By family."""
+MARKERS = list(dict.fromkeys((*"os^Dv", *Line2D.filled_markers)))
+"""One for each size, the coarsest first, and again from the first."""
 NEAR = 0.94
 """Ratio of two errors from which on their labels would touch."""
 NEEDS = {
@@ -69,16 +66,6 @@ def sizes(evaluations: Sequence[EvaluationRecord]) -> list[Size]:
     return sorted(most, key=lambda size: size.vertices) if len(most) > 1 else []
 
 
-def family(row: GarmentRow) -> str:
-    """The name in :data:`FAMILIES`."""
-    if row.training:
-        return "networks"
-    if not row.is_solver:
-        return "without dynamics"
-    contact = row.records[0].method.get("contact") or {}
-    return "solver, nothing crosses" if contact.get("_target_", "").endswith(".IpcContact") else "solver"
-
-
 def exponent(label: str, found: Sequence[Size]) -> float | None:
     """P of ``time ~ vertices^p``, by least squares over the sequences of all sizes; None for a row of one size."""
     pairs = [pair for size in found if label in size.rows for pair in _costs(size.rows[label].records[0])]
@@ -98,17 +85,16 @@ def recommended(size: Size) -> dict[str, str]:
     return ({"real time": min(quick, key=lambda label: points[label][1])} if quick else {}) | found
 
 
-def size_tables(evaluations: Sequence[EvaluationRecord]) -> list[Table]:
+def size_tables(found: Sequence[Size]) -> list[Table]:
     """Time per frame and error of each row in each size, the exponent of its time, and what to take for which need.
 
-    One table, or none where there are not several sizes.
+    One table, or none where ``found`` is empty.
     """
-    found = sizes(evaluations)
     if not found:
         return []
-    labels = sorted({label for size in found for label in size.rows}, key=lambda label: _order(label, found))
+    named = {label: row for size in reversed(found) for label, row in size.rows.items()}
     rows = []
-    for label in labels:
+    for label in sorted(named, key=lambda label: place(named[label])):
         cells = ["{:.3g} / {:.3g}".format(*size.points[label]) if label in size.points else "" for size in found]
         power = exponent(label, found)
         rows.append((label, *cells, "" if power is None else f"{power:.2f}"))
@@ -128,18 +114,18 @@ def size_tables(evaluations: Sequence[EvaluationRecord]) -> list[Table]:
     return [table]
 
 
-def draw_sizes(evaluations: Sequence[EvaluationRecord], path: Path, *, dark: bool = False) -> Path | None:
+def draw_sizes(found: Sequence[Size], path: Path, *, dark: bool = False) -> Path | None:
     """Error [mm] against time per frame [ms]: families by colour, sizes by marker, the frontier of each size.
 
-    None where there are not several sizes.
+    None where ``found`` is empty.
     """
-    found = sizes(evaluations)
     if not found:
         return None
+    marked = list(zip(itertools.cycle(MARKERS), found, strict=False))
     with themed(dark=dark):
         figure = Figure(figsize=(7.6, 6.2), layout="constrained")
         axis = figure.subplots()
-        for marker, size in zip(MARKERS, found, strict=False):
+        for marker, size in marked:
             _draw_size(axis, size, marker, INK[dark])
         _name_rows(axis, found[-1])
         axis.set(xscale="log", yscale="log", xlabel="time per frame [ms], one core", ylabel="mean vertex error [mm]")
@@ -147,10 +133,10 @@ def draw_sizes(evaluations: Sequence[EvaluationRecord], path: Path, *, dark: boo
         axis.grid(alpha=0.25, linewidth=0.5)
         for ticks in (axis.xaxis, axis.yaxis):
             written_out(ticks, (1, 3))
-        for marker, size in zip(MARKERS, found, strict=False):
+        for marker, size in marked:
             axis.plot([], [], marker, color=INK[dark], label=f"{size.vertices:.0f} vertices", linestyle="none")
-        for name in dict.fromkeys(family(row) for size in found for row in size.rows.values()):
-            axis.plot([], [], color=FAMILIES[name], label=name, linewidth=2)
+        for name in dict.fromkeys(row.family for size in found for row in size.rows.values()):
+            axis.plot([], [], color=COLOURS[name], label=name, linewidth=2)
         figure.legend(loc="outside lower center", ncols=4, fontsize=8)
         return save_figure(figure, path)
 
@@ -158,10 +144,10 @@ def draw_sizes(evaluations: Sequence[EvaluationRecord], path: Path, *, dark: boo
 def _draw_size(axis: Axes, size: Size, marker: str, ink: str) -> None:
     """The rows of a size; those of a solver joined in the order of their time, and the frontier."""
     points = size.points
-    for name, colour in FAMILIES.items():
-        own = sorted(points[label] for label, row in size.rows.items() if family(row) == name)
+    for name, colour in COLOURS.items():
+        own = sorted(points[label] for label, row in size.rows.items() if row.family == name)
         if own:
-            joined = "-" if name.startswith("solver") else "none"
+            joined = "-" if name not in (WITHOUT, NETWORKS) else "none"
             axis.plot(*zip(*own, strict=True), marker, color=colour, linestyle=joined, linewidth=1, markersize=6)
     best, frontier = float("inf"), []
     for time, error in sorted(points.values()):
@@ -175,10 +161,10 @@ def _name_rows(axis: Axes, size: Size) -> None:
     """Each row, right of its point of this size, a line lower where the one above is near; a solver by its budget."""
     above = 0.0, float("inf")
     for label, (time, error) in sorted(size.points.items(), key=lambda item: -item[1][1]):
-        name = family(size.rows[label])
-        text = label.partition(", ")[2] or label if name.startswith("solver") else label
+        name = size.rows[label].family
+        text = label.partition(", ")[2] or label if name not in (WITHOUT, NETWORKS) else label
         touches = time < 2 * above[0] and error > NEAR * above[1]
-        offset, colour = (7, -8 if touches else 3), FAMILIES[name]
+        offset, colour = (7, -8 if touches else 3), COLOURS[name]
         axis.annotate(text, (time, error), offset, textcoords="offset points", fontsize=7, color=colour)
         above = time, error
 
@@ -187,12 +173,6 @@ def _point(row: GarmentRow) -> tuple[float, float] | None:
     """Time per frame [ms] and error [mm]."""
     time, error = row.over_seeds("ms_per_frame"), row.over_seeds("error_mm")
     return None if time is None or error is None else (time.mean, error.mean)
-
-
-def _order(label: str, found: Sequence[Size]) -> tuple[int, float]:
-    """By family, then by time in the coarsest size that has the row."""
-    size = next(size for size in found if label in size.rows)
-    return list(FAMILIES).index(family(size.rows[label])), size.points[label][0]
 
 
 def _costs(record: EvaluationRecord) -> list[tuple[float, float]]:

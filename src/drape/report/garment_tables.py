@@ -6,16 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from drape.metrics.fabric_metric import OVERALL
 from drape.metrics.record import EvaluationRecord
-from drape.report.garment_rows import (
-    FLOOR,
-    PAPER,
-    GarmentRow,
-    by_data,
-    garment_rows,
-    published,
-    row_label,
-    scales,
-)
+from drape.report.garment_rows import PAPER, GarmentRow, by_data, garment_rows, published, scales
+from drape.report.labels import FLOOR, row_label
 from drape.report.table import Table, number
 from drape.report.tables import OVER_SEEDS, spread_cell
 
@@ -82,7 +74,7 @@ def garment_tables(records: Sequence[EvaluationRecord]) -> list[Table]:
 
 
 def comparison_table(records: Sequence[EvaluationRecord], *, with_paper: bool = False) -> Table:
-    """All evaluations of the same sequences, the largest error first, seeds averaged."""
+    """All evaluations of the same sequences, seeds averaged, in the order of :func:`garment_rows`."""
     rows, names = garment_rows(records), _names(records)
     seeded = any(row.seeds for row in rows)
     cells = [_comparison_cells(row, names, seeded) for row in rows]

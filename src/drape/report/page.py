@@ -13,9 +13,9 @@ import numpy as np
 from drape.data.whole_file import whole_file
 from drape.metrics.record import EvaluationRecord
 from drape.report.clips import RECORDED, show
-from drape.report.garment_comparison import draw_garment_comparison
+from drape.report.garment_curves import draw_garment_comparison
 from drape.report.garment_rows import by_data, garment_rows
-from drape.report.garment_sizes import draw_sizes, size_tables
+from drape.report.garment_sizes import Size, draw_sizes, size_tables
 from drape.report.garment_tables import animation_tables, comparison_table
 from drape.report.garment_trade import draw_garment_trade
 from drape.report.names import data_name, fingerprint, slug
@@ -44,20 +44,21 @@ class Page:
     def write(
         self,
         evaluations: Sequence[EvaluationRecord],
+        found: Sequence[Size],
         runs: Path | str,
         laws: Sequence[Table],
         maps: Sequence[Path] = (),
     ) -> Path:
         """Write ``index.html`` with what it shows; returns it. Clips of animations that have not changed are kept.
 
-        ``laws`` are tables of learned energies; ``maps`` are their energy maps, shown with those that trainings have
-        left below ``runs``.
+        ``found``: the same garments in several resolutions, among ``evaluations``. ``laws`` are tables of learned
+        energies; ``maps`` are their energy maps, shown with those that trainings have left below ``runs``.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         text = _page(self.folder).render(
             garments=[self._garments(group, k) for k, group in enumerate(by_data(evaluations))],
-            sizes=[ScoreTable.of(table) for table in size_tables(evaluations)],
-            choice=[chart] if (chart := self._chart(draw_sizes, evaluations, "sizes", SIZES)) else [],
+            sizes=[ScoreTable.of(table) for table in size_tables(found)],
+            choice=[chart] if (chart := self._chart(draw_sizes, found, "sizes", SIZES)) else [],
             laws=[ScoreTable.of(table) for table in laws],
             maps=self._maps(runs, maps),
             commands=[f"{each.method['name']}: {each.provenance.get('command', '')}" for each in evaluations],
@@ -71,7 +72,7 @@ class Page:
 
     def _garments(self, group: Sequence[EvaluationRecord], place: int) -> GarmentSection:
         rows, name, first = garment_rows(group), data_name(group[0]), group[0]
-        best_first = [row for row in reversed(rows) if not row.is_twin]
+        best_first = sorted((row for row in rows if not row.is_twin), key=lambda row: row.error)
         tables = [*animation_tables(group), comparison_table(group, with_paper=not place)]
         charts = (
             self._chart(draw_garment_trade, rows, f"{name}-trade", "Error against time a frame: lower left is better."),

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drape.report.clips import RECORDED, Lane, ShownSequence
-from drape.report.garment_rows import FLOOR, PAPER, GarmentRow, noise_floor
+from drape.report.garment_rows import PAPER, GarmentRow, noise_floor
+from drape.report.labels import FLOOR
 from drape.report.table import Table, number
 from drape.report.tables import OF_PAPER
 

@@ -5,11 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 from jaxtyping import UInt8
 from PIL import Image
@@ -18,6 +13,7 @@ from tqdm import tqdm
 from drape.data.animation_hdf5 import AnimationFile
 from drape.data.look import Look
 from drape.data.whole_file import whole_file
+from drape.report.picture_sheet import Line, draw_pictures
 from drape.report.raster import Surface, draw
 from drape.scene.camera import Camera
 
@@ -35,25 +31,13 @@ def preview(path: Path | str, png: Path | str) -> Path:
     Raises:
         DrapeError: no animation at ``path``.
     """
-    png = Path(png)
     with AnimationFile(path) as file:
         look, dt, last = Look(file), file.header.dt, file.num_frames - 1
         frames = np.unique(np.linspace(0, last, FRAMES).round().astype(int)).tolist()
         width, height = _size(look)
         camera = look.camera(width / height)
         pictures = [_picture(look, frame, camera, width, height) for frame in frames]
-    figure, axes = plt.subplots(
-        1, len(frames), figsize=(len(frames) * width / 100, height / 100 + 0.22), squeeze=False, dpi=100
-    )
-    for axis, frame, picture in zip(axes[0], frames, pictures, strict=True):
-        axis.imshow(picture, interpolation="nearest")
-        axis.set_title(f"{frame * dt:.2f} s", fontsize=8, pad=3)
-        axis.axis("off")
-    figure.subplots_adjust(0, 0, 1, height / (height + 22), wspace=0.02)
-    with whole_file(png) as temporary:
-        figure.savefig(temporary)
-    plt.close(figure)
-    return png
+    return draw_pictures([Line(pictures, [frame * dt for frame in frames])], Path(png))
 
 
 def preview_film(path: Path | str, gif: Path | str, height: int = 300) -> Path:

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from drape.errors import DrapeError
 from drape.metrics.record import FILE, EvaluationRecord, RunRecord, read_json
+from drape.report.labels import seed_of, training_key
 from drape.stored import reading
 
 Record = TypeVar("Record", RunRecord, EvaluationRecord)
@@ -45,24 +46,14 @@ def find_evaluations(folder: Path | str) -> list[EvaluationRecord]:
     """
     paths = [path for path in _newest_last(Path(folder)) if _is_evaluation(path)]
     found = list(_readable(EvaluationRecord.load, paths))
-    newest = {(record.method["name"], *_trained(record), repr(record.data)): record for record in found}
+    newest = {(record.method["name"], seed_of(record), _trained(record), repr(record.data)): record for record in found}
     return sorted(newest.values(), key=lambda record: str(record.folder))
-
-
-def seed_of(record: EvaluationRecord) -> int | None:
-    """The seed of an evaluation: of the training of its simulator, or its own; None where there is none."""
-    training = record.method.get("training")
-    for said in (training, record.method, record.provenance):
-        if isinstance(said, Mapping) and isinstance(said.get("seed"), int):
-            return said["seed"]
-    return None
 
 
 def _trained(record: EvaluationRecord) -> tuple:
     """Key in which two evaluations of one name may differ and both count."""
     training = record.method.get("training")
-    told = training if isinstance(training, Mapping) else {}
-    return (seed_of(record), *(repr(told.get(key)) for key in ("row", "ablation", "scale", "iterations")))
+    return training_key(training) if isinstance(training, Mapping) else ()
 
 
 def _newest_last(folder: Path) -> list[Path]:

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from drape.metrics.fabric_metric import OVERALL
-from drape.report.rows import row, row_name
+from drape.report.labels import departing, row, row_name
 from drape.report.runs import Configuration, Spread
 from drape.report.table import Table, number
 
@@ -44,8 +44,7 @@ def is_papers(configuration: Configuration) -> bool:
 def label(configuration: Configuration) -> str:
     """Name of a configuration: that of its row, and what else differs."""
     name = row_name(configuration.runs[-1].label, configuration.model, configuration.ablation)
-    other = ", ".join(f"{name}={choice}" for name, choice in departures(configuration).items())
-    return f"{name} ({other})" if other else name
+    return departing(name, departures(configuration))
 
 
 def arranged(found: Sequence[Configuration], ablations: Sequence[str]) -> list[Configuration]:

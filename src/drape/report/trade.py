@@ -9,7 +9,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drape.report.figure_theme import written_out
+from drape.report.figure_theme import save_figure, written_out
 
 CURVE = ("energy", "precision", "steps", "resolution")
 """Columns that make a curve; its points are the budgets of iterations."""
@@ -42,10 +42,7 @@ def draw_trade(rows: Sequence[Mapping[str, str | float]], path: Path | str) -> P
         axis.set_visible(False)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130)
-    return path
+    return save_figure(figure, Path(path))
 
 
 def _draw_panel(axis: Axes, rows: Sequence[Mapping], colours: Mapping, markers: Mapping) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drape.report.figure_theme import written_out
+from drape.report.figure_theme import save_figure, written_out
 
 PANELS = {
     "force_residual_N": "force residual on the test split [N]",
@@ -36,10 +36,7 @@ def draw_trained_laws(rows: Sequence[Mapping[str, str | float]], name: str, path
         axis.grid(alpha=0.3, linewidth=0.4)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130)
-    return path
+    return save_figure(figure, Path(path))
 
 
 def _places(values: Sequence[float]) -> dict[float, float]:

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from drape.metrics.fabric_metric import OVERALL
 from drape.metrics.record import RunRecord
-from drape.report.figure_theme import written_out
+from drape.report.figure_theme import save_figure, written_out
 from drape.report.runs import Configuration, configurations
 from drape.report.tables import BASELINES, label
 
@@ -54,10 +54,7 @@ def draw_training_trade(runs: Sequence[RunRecord], path: Path | str, fabric: str
     for axis, text in zip(axes[-1], COSTS.values(), strict=True):
         axis.set_xlabel(text)
     axes[0][1].legend(fontsize=8)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130)
-    return path
+    return save_figure(figure, Path(path))
 
 
 def _cost(configuration: Configuration, cost: str) -> float:

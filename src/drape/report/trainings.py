@@ -9,10 +9,9 @@ from rich.console import Console
 
 from drape.metrics.record import FILE, RunRecord
 from drape.report.curves import draw_curves
-from drape.report.document import document, settings_of, tables
+from drape.report.document import describe_setting, document, missing, settings_of, tables
 from drape.report.energy_map import draw_energy_map
 from drape.report.learned import learned_energies, learned_fabrics
-from drape.report.provenance import describe_setting, missing
 from drape.report.summary import summary
 from drape.report.table import Table
 from drape.report.tables import TableOf
