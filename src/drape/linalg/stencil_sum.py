@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -31,8 +32,8 @@ class _Pattern(NamedTuple):
     """Of each set of stencils, ``entries``; of those that add themselves ``stencils pairs``, side by side in memory."""
     diagonal: Int[Tensor, "vertices pairs"]
     """Of the block of each vertex on the diagonal; all are there, whichever vertices stencils are of."""
-    indices: np.ndarray
-    indptr: np.ndarray
+    matrix: sparse.csr_array
+    """Of zeros: what is made from it shares the places of the entries, and need not check them."""
 
     @classmethod
     def of(cls, pieces: Sequence[Piece | Filled], num_vertices: int) -> _Pattern:
@@ -45,7 +46,16 @@ class _Pattern(NamedTuple):
         for k, piece in enumerate(pieces):
             if isinstance(piece, Filled):
                 places[k] = places[k].int().view(-1, len(piece.vertices)).T.contiguous()
-        return cls(places, diagonal.view(-1, num_vertices).T, (found % size).int().numpy(), indptr.int().numpy())
+        entries = np.zeros(len(found)), (found % size).int().numpy(), indptr.int().numpy()
+        matrix = sparse.csr_array(entries, (size, size))
+        matrix.sort_indices()  # they are, but this is what remembers it
+        return cls(places, diagonal.view(-1, num_vertices).T, matrix)
+
+    def filled(self, data: Float[np.ndarray, " entries"]) -> sparse.csr_array:
+        """The matrix with these entries."""
+        matrix = copy.copy(self.matrix)
+        matrix.data = data
+        return matrix
 
 
 def _pairs(corners: int) -> Int[Tensor, "2 pairs"]:
@@ -63,8 +73,8 @@ def _keys(vertices: Int[Tensor, "stencils corners"], size: int) -> Int[Tensor, "
 class StencilSum:
     """Adds up stencils, and remembers where entries go as long as the tensors of their vertices are the same ones.
 
-    Finding the places costs several times what filling them does. Stencils of one vertex, as contacts, may change:
-    they stand on the diagonal, whose places are always there.
+    Finding the places costs several times what filling them does. Stencils of one vertex that do not add themselves may
+    change: they stand on the diagonal, whose places are always there.
     """
 
     def __init__(self) -> None:
@@ -79,7 +89,7 @@ class StencilSum:
         if pattern is None or num_vertices != len(pattern.diagonal) or not self._fits(kinds):
             pattern = _Pattern.of(several, num_vertices)
             self._kinds, self._pattern = kinds, pattern
-        data = torch.zeros(len(pattern.indices), dtype=torch.float64)
+        data = torch.zeros(pattern.matrix.nnz, dtype=torch.float64)
         for piece, place in zip(several, pattern.places, strict=True):
             if isinstance(piece, Filled):
                 piece.add(data.numpy(), place.numpy())
@@ -89,7 +99,7 @@ class StencilSum:
             if not isinstance(piece, Filled) and piece[0].shape[1] == 1:
                 place = pattern.diagonal[piece[0][:, 0].cpu()].T
                 data.scatter_add_(0, place.reshape(-1), _entries(piece[1]).reshape(-1))
-        return sparse.csr_array((data.numpy(), pattern.indices, pattern.indptr), (3 * num_vertices,) * 2)
+        return pattern.filled(data.numpy())
 
     def _fits(self, kinds: list[tuple[Tensor, bool]]) -> bool:
         same = len(kinds) == len(self._kinds)

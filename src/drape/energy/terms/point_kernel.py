@@ -122,14 +122,19 @@ def friction_blocks(x, points, force, end):
 
 
 @compiled
-def add_blocks(data, places, carrier, weights, blocks):
-    """Add ``w_a w_b B`` of each point to the entries of its edge or face: :class:`drape.linalg.stencil_sum.Filled`."""
-    corners = weights.shape[1]
-    for p in range(len(carrier)):
-        place = 0
+def add_blocks(corners, points, first, carrier, weights, blocks, data, places):
+    """Add ``w_a w_b B`` of each point to the entries of one kind to the entries of its vertex, edge or face.
+
+    Of ``points``, rows of a surface, those of the kind stand from the row ``first`` on, one for each of ``carrier``;
+    ``data`` and ``places`` are those of :class:`drape.linalg.stencil_sum.Filled`.
+    """
+    for p in range(len(points)):
+        row_of_kind, place = points[p] - first, 0
+        if row_of_kind < 0 or row_of_kind >= len(carrier):
+            continue
         for row in range(3 * corners):
             for column in range(row, 3 * corners):
                 a, b = row // 3, column // 3
-                value = weights[p, a] * weights[p, b] * blocks[p, row - 3 * a, column - 3 * b]
-                data[places[carrier[p], place]] += value
+                value = weights[points[p], a] * weights[points[p], b] * blocks[p, row - 3 * a, column - 3 * b]
+                data[places[carrier[row_of_kind], place]] += value
                 place += 1
