@@ -13,6 +13,7 @@ from drape.contact.coarseness import too_coarse
 from drape.data.animation_hdf5 import AnimationHeader
 from drape.data.animation_writer import AnimationWriter
 from drape.energy.incremental_potential import IncrementalPotential
+from drape.energy.scene_step import SceneSteps
 from drape.report.animated import animated, explained
 from drape.report.preview import preview
 from drape.simulators.choice import simulator_of
@@ -33,11 +34,12 @@ def main(config: DictConfig) -> None:
     potential = IncrementalPotential.for_scene(scene, fabric.terms, conf.instantiate(config.contact))
     simulator = simulator_of(config.simulator, potential, scene, fabric.attributes)
     contact = potential.contact
-    coarse = contact and too_coarse(scene.mesh, scene.obstacle, contact.per_edge, contact.thickness)
-    if coarse and contact.sharp_points(scene) is None:
+    coarse = None if contact is None else too_coarse(scene.mesh, scene.obstacle, contact.per_edge, contact.thickness)
+    if contact is not None and coarse and contact.sharp_points(scene) is None:
         print(coarse)
     if config.explain:
-        Console().print(explained(potential, simulator.steps.step(scene.initial, 0.0, 1.0)).terminal())
+        steps = SceneSteps(scene, fabric.attributes, config.simulator.get("device", "cpu"), contact)
+        Console().print(explained(potential, steps.step(scene.initial, 0.0, 1.0)).terminal())
         return
     settings = {name: OmegaConf.to_container(config[name], resolve=True) for name in SHAPES_FRAMES}
     path = folder / "animation.h5"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
@@ -11,7 +12,7 @@ from drape import config as conf
 
 @conf.main("generate")
 def main(config: DictConfig) -> None:
-    settings = OmegaConf.to_container(config, resolve=True)
+    settings: Any = OmegaConf.to_container(config, resolve=True)
     source = settings["data"].get("source", "cloth")
     if source in ("cloth", "garments"):
         _simulate(source, settings)

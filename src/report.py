@@ -16,6 +16,7 @@ from drape.report.garment_tables import garment_tables
 from drape.report.garment_trade import draw_garment_trade, write_garment_trade
 from drape.report.names import data_name
 from drape.report.runs import find_evaluations, find_runs, has_runs
+from drape.report.table import Table
 from drape.report.trainings import write_trainings
 
 
@@ -23,8 +24,10 @@ from drape.report.trainings import write_trainings
 def main(config: DictConfig) -> None:
     console, folder, page = Console(), Path(config.folder), conf.instantiate(config.page)
     folder.mkdir(parents=True, exist_ok=True)
-    evaluations, laws, maps = find_evaluations(config.runs), [], []
+    evaluations = find_evaluations(config.runs)
     found = sizes(evaluations)
+    laws: list[Table] = []
+    maps: list[Path] = []
     if evaluations:
         garments(evaluations, found, console, folder)
     if has_runs(config.runs) or not evaluations:
@@ -40,7 +43,7 @@ def garments(evaluations: list[EvaluationRecord], found: list[Size], console: Co
     for table in tables:
         console.print(table.terminal(), "")
     (folder / "garments.md").write_text(garment_document(tables, evaluations), encoding="utf-8")
-    written = [folder / "garments.md"]
+    written: list[Path | None] = [folder / "garments.md"]
     for k, group in enumerate(by_data(evaluations)):
         path = folder / (f"garments_trade_{data_name(group[0])}.png" if k else "garments_trade.png")
         written += [draw_garment_trade(garment_rows(group), path), write_garment_trade(garment_rows(group), path)]

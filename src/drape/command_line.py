@@ -32,7 +32,7 @@ def main() -> None:
 def _help(paths: dict[str, Path]) -> str:
     lines = ["Learn the law of a fabric, and animate garments with it.", ""]
     for name, path in paths.items():
-        text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+        text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
         lines.append(f"  drape {name:<11}{text.partition(': ``')[0]}")
     return "\n".join([*lines, "", HELP])
 

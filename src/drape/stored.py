@@ -7,6 +7,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -103,7 +104,7 @@ def _is_text_or_number(dtype: np.dtype) -> bool:
     return dtype.kind != "O" or h5py.check_string_dtype(dtype) is not None
 
 
-def attribute(path: Path, name: str, value: object, expected: str) -> object:
+def attribute(path: Path, name: str, value: Any, expected: str) -> Any:
     """An attribute that must be of the kind ``expected``: text, texts, count, above 0, from 0 on, three numbers.
 
     Raises:
@@ -126,8 +127,9 @@ def attribute(path: Path, name: str, value: object, expected: str) -> object:
 
 
 def _are_names(value: object) -> bool:
-    texts = isinstance(value, list) and all(isinstance(each, str) and each for each in value)
-    return texts and len(set(value)) == len(value) and not any("/" in each or each in (".", "..") for each in value)
+    if not isinstance(value, list) or not all(isinstance(each, str) and each for each in value):
+        return False
+    return len(set(value)) == len(value) and not any("/" in each or each in (".", "..") for each in value)
 
 
 def _are_three(value: object) -> bool:

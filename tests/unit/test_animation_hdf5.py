@@ -19,6 +19,7 @@ import pytest
 from drape.data import animation_writer
 from drape.data.animation_hdf5 import FIELDS, AnimationFile
 from drape.data.animation_writer import AnimationWriter
+from drape.data.look import Look
 from drape.errors import DrapeError
 from drape.scene.state import State
 from tests.animations import COLUMNS, MESH, REST, header, numbers, state, write
@@ -79,6 +80,8 @@ def test_without_body_pins_and_numbers(tmp_path: Path) -> None:
             writer.append(state(frame))
     with AnimationFile(tmp_path / "a.h5") as file:
         assert file.header.obstacle is None
+        with pytest.raises(DrapeError, match="body: found none"):
+            Look(file).body(0)
         assert file.header.pinned.shape == (0,)
         assert file.numbers() == {}
 

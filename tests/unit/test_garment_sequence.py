@@ -11,8 +11,9 @@ import pytest
 import trimesh
 
 from drape.blender import garment_sequence
+from drape.blender.choice import Choice
 from drape.blender.dressed_body import DressedBody
-from drape.blender.garment_attempt import Attempt
+from drape.blender.garment_attempt import Attempt, draw_attempt
 from drape.blender.garment_sequence import DrawnGarment
 from drape.blender.part import load_part, save_part
 from drape.blender.sequence import make_sequence
@@ -171,3 +172,8 @@ def test_a_part_of_a_sheet_has_no_body(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.garment.faces, sheet.garment.faces)
     np.testing.assert_array_equal(found.sequence.positions, sheet.sequence.positions)
     assert (found.sequence.fabric, found.sequence.attempts) == ("denim", 2)
+
+
+def test_a_garment_is_drawn_on_a_body():
+    with pytest.raises(DrapeError, match="found sheet, which is on no body"):
+        draw_attempt(Choice("train", "sheet", "silk"), {}, np.random.default_rng(0))

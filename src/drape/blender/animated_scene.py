@@ -60,10 +60,11 @@ def moved_objects(
     ``as_read``: with the polygons, vertices and texture coordinates of the files they came from.
     """
     header, frames = look.file.header, look.file.num_frames
+    obstacle = header.obstacle
     made = []
     parts = [("cloth", look.cloth, header.faces, False)]
-    if look.has_body:
-        parts.append(("body", look.body, header.obstacle.faces, header.obstacle.is_static))
+    if obstacle is not None:
+        parts.append(("body", look.body, obstacle.faces, obstacle.is_static))
     for (name, positions, faces, still), form in zip(parts, header.forms if as_read else (None, None), strict=False):
         if form is None:
             thing = mesh_object(name, positions(0), faces)

@@ -6,6 +6,7 @@ import json
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +14,7 @@ from jaxtyping import Float
 from drape.blender.comparable import refuse_incomparable
 from drape.blender.presets import blender_version
 from drape.blender.process import BlenderProcess
+from drape.scene.obstacle import Obstacle
 from drape.scene.scene import Scene
 
 
@@ -40,12 +42,13 @@ class ClothOnBody:
         """
         check_comparable(scene)
         arguments, positions = (Path(self._folder.name) / name for name in ("scene.npz", "positions.npy"))
-        body = np.stack([scene.obstacle.at(frame) for frame in range(scene.frames + 1)])
+        obstacle = cast(Obstacle, scene.obstacle)  # others were refused
+        body = np.stack([obstacle.at(frame) for frame in range(scene.frames + 1)])
         np.savez(
             arguments,
             rest_positions=scene.mesh.rest_positions,
             faces=scene.mesh.faces,
-            body_faces=scene.obstacle.faces,
+            body_faces=obstacle.faces,
             body_positions=body,
             start=scene.initial.x,
             settings=json.dumps(self._settings | {"mass": float(scene.mass[0])}),

@@ -45,15 +45,14 @@ def export_animation(look: Look, path: Path, folder: Path) -> None:
 
 def _give_materials(mesh: bpy.types.Mesh, form: FileForm | None, coloured: Callable[[], bpy.types.Material]) -> None:
     """One material, or those of the file by name."""
-    names = () if form is None or form.material is None else form.materials
-    for name in names:
+    if form is None or form.material is None or not form.materials:
+        mesh.materials.append(coloured())
+        return
+    for name in form.materials:
         made = coloured()
         made.name = name
         mesh.materials.append(made)
-    if names:
-        mesh.polygons.foreach_set("material_index", np.maximum(form.material, 0).astype(np.int32))
-    else:
-        mesh.materials.append(coloured())
+    mesh.polygons.foreach_set("material_index", np.maximum(form.material, 0).astype(np.int32))
 
 
 def _alembic(path: Path, scene: bpy.types.Scene, scale: float) -> None:

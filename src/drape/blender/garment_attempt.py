@@ -14,6 +14,7 @@ from drape.blender.choice import Choice
 from drape.blender.dressed_body import DressedBody
 from drape.blender.garment_people import load_person
 from drape.blender.plan import MOTION_FILE
+from drape.errors import DrapeError
 from drape.figure.anny_figure import make_person
 from drape.figure.bvh import read_bvh
 from drape.figure.clear_arms import clear_arms
@@ -67,6 +68,8 @@ def draw_attempt(choice: Choice, data: Mapping, rng: np.random.Generator, people
     Raises:
         DrapeError: no such garment can be made on this figure, or a motion file cannot be read.
     """
+    if choice.body is None:
+        raise DrapeError(f"data.kinds: found {choice.kind}, which is on no body; expected garments")
     styles, motions, twin = rng.spawn(3)
     figure = figure_of(choice.body, data, people)
     garment = make_garment(choice.kind, figure, random_style(choice.kind, styles), data["edge"]["garment"])
@@ -94,4 +97,8 @@ def drawn_shape(body: int, data: Mapping) -> FigureShape | Phenotype:
 @functools.lru_cache(maxsize=64)
 def _kept_figure(shape: FigureShape | Phenotype, edge: float, person: Path | None) -> Figure:
     """Several sequences show the same figure."""
-    return make_person(shape, load_person(person), edge) if isinstance(shape, Phenotype) else make_figure(shape, edge)
+    if not isinstance(shape, Phenotype):
+        return make_figure(shape, edge)
+    if person is None:
+        raise DrapeError("data.shape: found a person of anny without the folder that people are stored in")
+    return make_person(shape, load_person(person), edge)

@@ -77,8 +77,8 @@ def _missing(parts: Path, plan: Mapping) -> list[int]:
 def _make_people(parts: Path, plan: Mapping) -> None:
     """Those that sequences still to be made show, if bodies are people of anny."""
     if has_bodies(plan["data"]):
-        bodies = sorted({choose(index, plan).body for index in _missing(parts, plan)})
-        shapes = {body: drawn_shape(body, plan["data"]) for body in bodies}
+        bodies = {choose(index, plan).body for index in _missing(parts, plan)}
+        shapes = {body: drawn_shape(body, plan["data"]) for body in sorted(body for body in bodies if body is not None)}
         save_people(parts, {body: shape for body, shape in shapes.items() if isinstance(shape, Phenotype)})
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -29,7 +30,7 @@ class InitialState:
 def random_state(
     rest_positions: Float[np.ndarray, "vertices 3"],
     pinned: Int[np.ndarray, " pinned"],
-    ranges: Mapping[str, object],
+    ranges: Mapping[str, Any],
     bending_stiffness: float,
     rng: np.random.Generator,
 ) -> InitialState:

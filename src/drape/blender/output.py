@@ -158,13 +158,13 @@ def _keys(look: Look, samples: int, size: Sequence[int], every: int) -> dict[int
     camera, header = look.camera(size[0] / size[1]), look.file.header
     common = hashlib.sha256(json.dumps([samples, list(size), look.colour]).encode())
     for array in (camera.position, look.box, header.faces):
-        common.update(np.ascontiguousarray(array))
+        common.update(np.ascontiguousarray(array).data)
     keys = {}
     for frame in range(0, look.file.num_frames, every):
         key = common.copy()
-        key.update(np.ascontiguousarray(look.cloth(frame)))
+        key.update(np.ascontiguousarray(look.cloth(frame)).data)
         if look.has_body:
-            key.update(np.ascontiguousarray(look.body(frame)))
+            key.update(np.ascontiguousarray(look.body(frame)).data)
         keys[frame] = key.hexdigest()
     return keys
 

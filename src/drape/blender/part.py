@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def load_part(parts: Path, index: int) -> Part:
     """A part as :func:`save_part` stored it; a field that there was not yet has its default."""
     with np.load(part_path(parts, index), allow_pickle=False) as file:
         values = json.loads(str(file["plain"])) | {name: file[name] for name in file.files if name != "plain"}
-    found = {}
+    found: dict[str, Any] = {}
     for piece, kind in PIECES.items():
         names = {field.name: f"{piece}.{field.name}" for field in fields(kind)}
         own = {name: values[stored] for name, stored in names.items() if stored in values}

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from drape.blender.presets import blender_version, fabric_settings
 from drape.data.blender_friction import HIGHEST_NUMBER, coefficient
@@ -114,7 +115,7 @@ def check_data(data: Mapping) -> None:
         raise DrapeError(f"data.pattern: found {flat['pattern']!r}; expected one of {', '.join(PATTERNS)}")
 
 
-def _check_garments(flat: Mapping[str, object]) -> None:
+def _check_garments(flat: Mapping[str, Any]) -> None:
     _check_names("kinds", flat["kinds"], KINDS)
     for split in SPLITS:
         _check_names(f"motions.{split}", flat[f"motions.{split}"], MOTIONS, or_ending=MOTION_FILE)
@@ -155,13 +156,13 @@ def _check_pair(key: str, value: object, bounds: Bounds) -> None:
         raise DrapeError(f"data.{key}: found {value}; expected the lower number first")
 
 
-def _check_number(key: str, value: object, bounds: Bounds) -> None:
+def _check_number(key: str, value: Any, bounds: Bounds) -> None:
     kind, lowest, highest = bounds
     right = isinstance(value, int if kind is int else (int, float)) and not isinstance(value, bool)
     if not right or not math.isfinite(value) or not lowest <= value <= highest:
         what = "a whole number" if kind is int else "a number"
-        bounds = f"from {lowest} on" if highest == math.inf else f"from {lowest} to {highest}"
-        raise DrapeError(f"data.{key}: found {value!r}; expected {what} {bounds}")
+        span = f"from {lowest} on" if highest == math.inf else f"from {lowest} to {highest}"
+        raise DrapeError(f"data.{key}: found {value!r}; expected {what} {span}")
 
 
 def make_request(data: Mapping, material: Mapping) -> dict:

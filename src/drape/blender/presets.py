@@ -36,7 +36,8 @@ def blender_version() -> str:
 def preset_directory() -> Path:
     """The folder of the cloth presets of the installed Blender."""
     blender_version()
-    roots = importlib.util.find_spec("bpy").submodule_search_locations or []
+    spec = importlib.util.find_spec("bpy")
+    roots = [] if spec is None else spec.submodule_search_locations or []
     for root in roots:
         for folder in sorted(Path(root).glob("*/scripts/presets/cloth")):
             return folder
@@ -61,9 +62,10 @@ def read_preset(name: str, directory: Path | None = None) -> Settings:
         if not line.strip() or line.strip().startswith(("#", "import bpy")):
             continue
         match = _ASSIGNMENT.match(line.strip())
+        setting, value = match.groups() if match else ("", "")
         try:
-            settings[match[1]] = ast.literal_eval(match[2])
-        except (TypeError, ValueError, SyntaxError):
+            settings[setting] = ast.literal_eval(value)
+        except (ValueError, SyntaxError):
             raise DrapeError(
                 f"{path}, line {number}: found {line.strip()!r}; expected bpy.context.cloth.settings.<name> = <number>"
             ) from None

@@ -10,7 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import drape
 from drape.errors import DrapeError
@@ -34,12 +34,14 @@ class BlenderProcess:
                 stderr=file,
                 env={**os.environ, "PYTHONPATH": path},
             )
+        self.requests = cast(IO[bytes], self.process.stdin)  # as both are pipes
+        self.answers = cast(IO[bytes], self.process.stdout)
 
     def send(self, request: object) -> None:
         """Hand over a request; its answer is :meth:`receive`."""
         with contextlib.suppress(BrokenPipeError):  # a dead process is noticed when its answer is read
-            self.process.stdin.write(f"{json.dumps(request)}\n".encode())
-            self.process.stdin.flush()
+            self.requests.write(f"{json.dumps(request)}\n".encode())
+            self.requests.flush()
 
     def receive(self, what: str) -> Any:
         """The answer to the request; ``what`` it is about opens the sentence if it fails.
@@ -48,7 +50,7 @@ class BlenderProcess:
             DrapeError: it could not be done, or the process died.
             OSError: a file could not be written.
         """
-        line = self.process.stdout.readline()
+        line = self.answers.readline()
         if not line:
             code = self.process.wait()
             tail = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-3:]
@@ -66,8 +68,8 @@ class BlenderProcess:
     def stop(self) -> None:
         """Ask the process to end after the request in flight, so that Blender removes its temporary files."""
         with contextlib.suppress(BrokenPipeError):
-            self.process.stdin.close()
-        self.process.stdout.close()
+            self.requests.close()
+        self.answers.close()
 
     def join(self) -> None:
         """Wait for the end; kill where it does not come."""
@@ -95,7 +97,7 @@ def serve(start: Callable[[], Callable[[Any], Any]]) -> None:
     os.dup2(2, 1)  # whatever Blender prints belongs to the log
     handle = start()
     for line in sys.stdin:
-        answer = {"result": None, "error": None, "errno": None}
+        answer: dict[str, Any] = {"result": None, "error": None, "errno": None}
         try:
             answer["result"] = handle(json.loads(line))
         except (DrapeError, OSError) as error:

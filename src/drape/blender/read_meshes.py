@@ -8,11 +8,13 @@ A request has the ``path`` of a file, the npz file for ``arrays``, ``dt``, ``fra
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import math
 import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -79,24 +81,25 @@ def read(
     told += chosen_clip(bpy, path.suffix.lower(), clip) if frames != 0 else []
     first, last, clock = _range(bpy, path)
     rate = None if clock is None else (1.0 / dt if dt else _rate(bpy, path, things, (first, last, clock)))
-    step = 1.0 if rate is None else clock / rate
+    step = 1.0 if rate is None or clock is None else clock / rate
     count = int((last - first) / step + 1e-6) + 1
-    wanted = min(count, _needed(frames, rate if dt is None else None) + 1) if rate or not frames else count
-    arrays, moments = None, []
-    for frame in range(wanted):
+    number = min(count, _needed(frames, rate if dt is None else None) + 1) if rate or not frames else count
+    arrays: dict[str, Any] = {}
+    moments: list[np.ndarray] = []
+    for frame in range(number):
         positions, found = _joined(bpy, things, first + frame * step)
-        if arrays is not None and not all(np.array_equal(found[name], arrays[name]) for name in ("corners", "sizes")):
+        if arrays and not all(np.array_equal(found[name], arrays[name]) for name in ("corners", "sizes")):
             raise DrapeError(
                 f"frame {frame}: found {len(positions)} vertices and {len(found['sizes'])} faces that are not those of "
                 f"frame 0 ({len(moments[0])} and {len(arrays['sizes'])}); expected the same topology in every frame; "
                 "export the body without changing its mesh"
             )
-        arrays = found if arrays is None else arrays
+        arrays = arrays or found
         moments.append(positions)
-    if wanted == 1 or (wanted > 1 and all(np.array_equal(moment, moments[0]) for moment in moments)):
+    if number == 1 or (number > 1 and all(np.array_equal(moment, moments[0]) for moment in moments)):
         moments = moments[:1]  # it stands still
     materials = arrays.pop("names")
-    start = int(first) if rate is None else round(first / clock * rate)
+    start = int(first) if rate is None or clock is None else round(first / clock * rate)
     return arrays | {"positions": np.stack(moments)}, {
         "fps": None if rate is None else float(rate), "first": start, "materials": materials, "said": told,
     }  # fmt: skip
@@ -123,7 +126,7 @@ def _wanted(bpy, path: Path, wanted: str | None) -> tuple[list, list[str]]:
 
 def _path(thing, numbered: bool) -> tuple[str, ...]:
     """Names of the objects above it and its own; ``numbered``: a dot and digits are Blender's, as USD allows none."""
-    names = []
+    names: list[str] = []
     while thing:
         names.insert(0, re.sub(r"\.\d+$", "", thing.name) if numbered else thing.name)
         thing = thing.parent
@@ -168,8 +171,8 @@ def _rate_of_keys(bpy, clock: float) -> float:
     strips = [strip for action in bpy.data.actions for layer in action.layers for strip in layer.strips]
     curves = [curve for strip in strips for bag in strip.channelbags for curve in bag.fcurves]
     gaps = [np.diff(_of(curve.keyframe_points, "co", 2)[:, 0]) for curve in curves]
-    gaps = np.concatenate(gaps) if gaps else np.zeros(0)
-    nearest = gaps[gaps > 1e-3].min(initial=np.inf)
+    every = np.concatenate(gaps) if gaps else np.zeros(0)
+    nearest = every[every > 1e-3].min(initial=np.inf)
     return next((rate for rate in RATES if abs(clock / nearest - rate) < 0.01 * rate), OTHERWISE)
 
 
@@ -182,8 +185,10 @@ def _joined(bpy, things: list, time: float) -> tuple[np.ndarray, dict]:
     """Positions in world space at a time, and polygons of all meshes of ``things``."""
     bpy.context.scene.frame_set(math.floor(time), subframe=time - math.floor(time))
     graph = bpy.context.evaluated_depsgraph_get()
-    positions, count, names = [], 0, []
-    parts = {"corners": [], "sizes": [], "uv": [], "material": []}
+    positions: list[np.ndarray] = []
+    parts: dict[str, list[np.ndarray]] = {"corners": [], "sizes": [], "uv": [], "material": []}
+    names: list[str] = []
+    count = 0
     for thing in things:
         evaluated = thing.evaluated_get(graph)
         mesh = evaluated.to_mesh()
@@ -193,7 +198,9 @@ def _joined(bpy, things: list, time: float) -> tuple[np.ndarray, dict]:
         parts["sizes"].append(_of(mesh.polygons, "loop_total", 1, np.int32)[:, 0].astype(np.int64))
         layer = mesh.uv_layers.active
         parts["uv"].append(_of(layer.data, "uv", 2) if layer else np.full((len(mesh.loops), 2), np.nan))
-        slots = [names.append(m.name) or len(names) - 1 if m else -1 for m in mesh.materials] or [-1]
+        numbers = itertools.count(len(names))
+        slots = [next(numbers) if m else -1 for m in mesh.materials] or [-1]
+        names += [m.name for m in mesh.materials if m]
         index = _of(mesh.polygons, "material_index", 1, np.int32)[:, 0]
         parts["material"].append(np.array(slots)[np.minimum(index, len(slots) - 1)])
         count += len(mesh.vertices)
@@ -207,7 +214,7 @@ def _joined(bpy, things: list, time: float) -> tuple[np.ndarray, dict]:
 
 
 def _of(collection, name: str, width: int, dtype: type = np.float32) -> np.ndarray:
-    found = np.empty(len(collection) * width, dtype)
+    found: np.ndarray = np.empty(len(collection) * width, dtype)
     collection.foreach_get(name, found)
     return found.reshape(-1, width).astype(np.float64 if dtype is np.float32 else dtype)
 

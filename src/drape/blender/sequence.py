@@ -30,8 +30,9 @@ class Simulated(Protocol):
 class Drawn(Protocol):
     """A sequence before Blender moves it."""
 
-    steps: Sequence[int]
-    """Solver steps per frame to simulate it with, one after the other until it is not refused."""
+    @property
+    def steps(self) -> Sequence[int]:
+        """Solver steps per frame to simulate it with, one after the other until it is not refused."""
 
     def simulated(self, steps: int) -> Simulated:
         """Simulate it."""

@@ -50,8 +50,9 @@ def _draw(plan: Mapping, parts: Path) -> Draw:
     from drape.blender.garment_people import people_of
     from drape.blender.garment_sequence import DrawnGarment
 
-    bodies = {"crossing": crossing_faces, "people": people_of(parts)}
-    return functools.partial(DrawnGarment, simulate=simulate_garment, **bodies)
+    return functools.partial(
+        DrawnGarment, simulate=simulate_garment, crossing=crossing_faces, people=people_of(parts)
+    )
 
 
 if __name__ == "__main__":

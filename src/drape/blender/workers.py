@@ -51,7 +51,7 @@ def run_workers(parts: Path, indices: Iterable[int], count: int) -> Iterator[tup
     selector = selectors.DefaultSelector()
     try:
         for worker in workers:
-            selector.register(worker.process.stdout, selectors.EVENT_READ, worker)
+            selector.register(worker.answers, selectors.EVENT_READ, worker)
             worker.start(waiting.pop())
         while selector.get_map():
             for key, _ in selector.select():
@@ -61,7 +61,7 @@ def run_workers(parts: Path, indices: Iterable[int], count: int) -> Iterator[tup
                 if waiting:
                     worker.start(waiting.pop())
                 else:
-                    selector.unregister(worker.process.stdout)
+                    selector.unregister(worker.answers)
                 yield index, attempts
     finally:
         selector.close()

@@ -16,6 +16,7 @@ import shutil
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TextIO
 
 import h5py
 import numpy as np
@@ -51,7 +52,7 @@ class AnimationWriter:
     def __init__(self, path: Path | str, header: AnimationHeader) -> None:
         self.path, self.header = Path(path), header
         self.parts = self.path.with_name(self.path.name + ".parts")
-        self._lock = None
+        self._lock: TextIO | None = None
         wanted = _identity(header)
         if self.path.exists():
             with AnimationFile(self.path) as file:
@@ -76,18 +77,18 @@ class AnimationWriter:
     def _claim(self, wanted: dict) -> None:
         """Make the folder of parts, or see that the one found belongs to the same animation; keep others out."""
         self.parts.mkdir(parents=True, exist_ok=True)
-        self._lock = open(self.parts / "lock", "w")  # noqa: SIM115 (held until close)
+        self._lock = lock = open(self.parts / "lock", "w")  # noqa: SIM115 (held until close)
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            self._lock.close()
+            lock.close()
             raise DrapeError(f"{self.parts}: another process is writing here; wait for it, or end it") from None
         manifest = self.parts / "manifest.json"
         if manifest.exists():
             try:
                 self._refuse_other(json.loads(manifest.read_text(encoding="utf-8")), wanted, self.parts)
             except DrapeError:
-                self._lock.close()
+                lock.close()
                 raise
         else:
             with whole_file(manifest) as temporary:
@@ -213,7 +214,7 @@ def _write_header(file: h5py.File, header: AnimationHeader) -> None:
 def _identity(header: AnimationHeader) -> dict:
     """Key that two animations must share for one to go on where the other stopped; arrays by their check sums."""
     arrays = {
-        name.replace("/", "."): f"{array.shape} {hashlib.sha256(np.ascontiguousarray(array)).hexdigest()[:8]}"
+        name.replace("/", "."): f"{array.shape} {hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()[:8]}"
         for name, array in header.arrays().items()
     }
     values = {

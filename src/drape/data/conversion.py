@@ -126,8 +126,9 @@ def _convert_parts(
 def _pack(path: Path, header: Header, there: GarmentFile | None, parts: Path, names: list[str]) -> None:
     size = sum(_part(parts, name).stat().st_size for name in names) + (0 if there is None else path.stat().st_size)
     with data_writer(path, header, size) as writer:
-        for name in () if there is None else there.names:
-            writer.add(there.part(name))
+        if there is not None:
+            for name in there.names:
+                writer.add(there.part(name))
         for name in tqdm(names, desc="packing", unit=" sequences"):
             with GarmentFile(_part(parts, name)) as file:
                 writer.add(file.part(name))

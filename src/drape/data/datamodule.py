@@ -163,10 +163,12 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         for indices in _spaced(np.arange(self._windows_of[self.test_sequences].sum()), count, batch_size):
             yield self.windows(self.test_sequences, indices)
 
-    def loader(self, sequences: np.ndarray, batch_size: int, **order: int) -> WindowLoader:
-        """All windows of ``sequences`` in batches; ``order`` as in :class:`WindowLoader`."""
+    def loader(
+        self, sequences: np.ndarray, batch_size: int, *, seed: int | None = None, **share: int
+    ) -> WindowLoader[Window]:
+        """All windows of ``sequences`` in batches; ``seed`` and ``share`` as in :class:`WindowLoader`."""
         count = int(self._windows_of[sequences].sum())
-        return WindowLoader(lambda indices: self.windows(sequences, indices), count, batch_size, **order)
+        return WindowLoader(lambda indices: self.windows(sequences, indices), count, batch_size, seed=seed, **share)
 
     def train_dataloader(self) -> WindowLoader:
         return self.loader(self.train_sequences, self.batch_size, seed=self.seed, **share_of(self.trainer))

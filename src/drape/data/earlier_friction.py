@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -20,7 +21,7 @@ MAKERS = ("blender", "cloth3d", "vto")
 """Whose friction of version 1 is understood."""
 
 
-def mend(attributes: dict[str, object], sequences: Mapping[str, dict], path: Path) -> None:
+def mend(attributes: dict[str, Any], sequences: Mapping[str, dict], path: Path) -> None:
     """Give the attributes of a file of version 1 and of its sequences the meaning of today, in place.
 
     Raises:

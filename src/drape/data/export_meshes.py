@@ -31,17 +31,16 @@ def export_obj(file: AnimationFile, folder: Path) -> Path:
     materials, unit, axes, number of the first frame. Others in metres, as simulated. No normals. Files of an earlier
     export that are not among these are removed.
     """
-    header, written = file.header, set()
-    obstacle, (cloth, body) = header.obstacle, header.forms
-    faces = _faces(cloth, header.faces)
-    other = None if obstacle is None else _faces(body, obstacle.faces)
-    for frame in range(file.num_frames):
-        number = f"{header.first + frame:04d}"
+    header, obstacle, (cloth, body) = file.header, file.header.obstacle, file.header.forms
+    faces, written = _faces(cloth, header.faces), set()
+    numbers = {frame: f"{header.first + frame:04d}" for frame in range(file.num_frames)}
+    for frame, number in numbers.items():
         written.add(_write(folder / f"cloth_{number}.obj", _positions(cloth, file.x(frame)), faces))
-        if obstacle is not None and not obstacle.is_static:
-            written.add(_write(folder / f"body_{number}.obj", _positions(body, obstacle.at(frame)), other))
-    if obstacle is not None and obstacle.is_static:
-        written.add(_write(folder / "body.obj", _positions(body, obstacle.at(0)), other))
+    if obstacle is not None:
+        faces = _faces(body, obstacle.faces)
+        names = {0: "body"} if obstacle.is_static else {frame: f"body_{number}" for frame, number in numbers.items()}
+        for frame, name in names.items():
+            written.add(_write(folder / f"{name}.obj", _positions(body, obstacle.at(frame)), faces))
     for old in [*folder.glob("cloth_*.obj"), *folder.glob("body*.obj")]:
         if old not in written:
             old.unlink()
@@ -62,10 +61,10 @@ def _faces(form: FileForm | None, faces: np.ndarray) -> str:
         places = np.where(np.isnan(form.uv[:, 0]), "", np.char.add("/", (which.reshape(-1) + 1).astype(str)))
         words = [word + place for word, place in zip(words, places.tolist(), strict=True)]
     material = np.full(len(polygons.sizes), -1) if form is None or form.material is None else form.material
-    current = -1
+    materials, current = () if form is None else form.materials, -1
     for start, size, index in zip(polygons.starts.tolist(), polygons.sizes.tolist(), material.tolist(), strict=True):
         if index != current and index >= 0:
-            lines.append(f"usemtl {form.materials[index]}")
+            lines.append(f"usemtl {materials[index]}")
             current = index
         lines.append("f " + " ".join(words[start : start + size]))
     return "\n".join(lines)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import h5py
-import numpy as np
 
 from drape.data.schema import plain
 from drape.reading.mesh_record import FileForm, Polygons
@@ -43,7 +44,7 @@ def read_forms(file: h5py.File) -> Forms:
 
 
 def _read(group: h5py.Group) -> FileForm:
-    arrays: dict[str, np.ndarray | None] = {key: group[key][:] if key in group else None for key in ARRAYS}
+    arrays: dict[str, Any] = {key: group[key][:] if key in group else None for key in ARRAYS}
     polygons = Polygons(arrays.pop("corners"), arrays.pop("sizes"))
     values = {key: plain(group.attrs[key]) for key in ("scale", "up", "first")}
     return FileForm(polygons=polygons, materials=tuple(plain(group.attrs["materials"])), **values, **arrays)

@@ -132,9 +132,11 @@ class GarmentDataModule(lightning.LightningDataModule):
         sequence, first = self._sequence(self.train_sequences[which]), index - int(self._first[which])
         window = sequence.window(first, length + 2)
         x = window.positions if self.start == "recorded" else sequence.carried(first, length + 2)
+        body, faces = window.body_positions, sequence.body_faces
+        if x is None or body is None:
+            raise DrapeError(f"{self.file.path}: sequences/{sequence.name}: expected a garment on a body; found less")
         free = np.ones(x.shape[1], dtype=bool)
         free[sequence.pinned] = False
-        body, faces = window.body_positions, sequence.body_faces
         return SingleRollout(x, body, faces, free, sequence.fabric, sequence.name, first + START)
 
     def _joined_meshes(self, names: tuple[str, ...]) -> MeshBatch:

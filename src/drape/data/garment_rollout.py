@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -43,13 +44,13 @@ class GarmentRollout:
 
     def from_rest(self) -> GarmentRollout:
         """The same, with a first step in which nothing moves; the last frame falls off."""
-        still = {"x": self.x, "body": self.body}
-        return replace(self, **{name: torch.cat([each[:2], each[1:-1]]) for name, each in still.items()})
+        x, body = (torch.cat([each[:2], each[1:-1]]) for each in (self.x, self.body))
+        return replace(self, x=x, body=body)
 
     def to(self, device: torch.device | str, **_: object) -> GarmentRollout:
         """The same rollout on another device."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        moved = {k: v.to(device) for k, v in values.items() if isinstance(v, Tensor | MeshBatch)}
+        moved: dict[str, Any] = {k: v.to(device) for k, v in values.items() if isinstance(v, Tensor | MeshBatch)}
         return replace(self, **moved)
 
     @classmethod

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,7 +14,7 @@ from drape.data.formats import index_of, open_hdf5
 from drape.data.index import Layout
 from drape.data.schema import AGAIN, FIELDS, GROUP_ATTRIBUTES, SPLITS, plain
 from drape.data.sequence import GarmentSequence
-from drape.data.stored_part import STORED, Part, StoredBody, StoredGarment, StoredSequence
+from drape.data.stored_part import Part, StoredBody, StoredGarment, StoredSequence
 from drape.errors import DrapeError
 from drape.geometry.mesh import ClothMesh
 from drape.stored import reading, sound
@@ -79,7 +80,7 @@ class GarmentFile:
             raise DrapeError(f"{self.path}: was replaced or changed since it was opened; open it again")
         return np.memmap(self.path, np.uint8, "r")
 
-    def attribute(self, name: str) -> object:
+    def attribute(self, name: str) -> Any:
         """One of ``schema.ATTRIBUTES``."""
         return plain(self.index.attributes[name])
 
@@ -188,7 +189,8 @@ class GarmentFile:
     def _stored(self, name: str, start: int = 0, stop: int | None = None) -> np.ndarray:
         """As :meth:`array`, not copied, as it is stored."""
         offset, shape, kind = self.index.layouts[name]
-        rows = np.ndarray(shape, kind, buffer=self._map if np.prod(shape) else None, offset=offset)[start:stop]
+        whole: np.ndarray = np.ndarray(shape, kind, buffer=self._map if np.prod(shape) else None, offset=offset)
+        rows = whole[start:stop]
         finite = sound(rows) if rows.dtype.kind == "f" else np.ones(1, bool)
         if not finite.all():
             row = start + int(np.argmin(finite.reshape(len(rows), -1).all(axis=1)))
@@ -233,12 +235,12 @@ class GarmentFile:
     def part(self, name: str) -> Part:
         """Sequence ``name`` with everything that it needs, as it goes into another file."""
         sequence = self.sequence(name)
-        garment = self._part("garments", sequence.garment) if sequence.garment else None
-        body = self._part("bodies", sequence.body) if sequence.body else None
-        return Part(body, garment, self._part("sequences", name, name=name))
+        garment = StoredGarment(**self._part("garments", sequence.garment)) if sequence.garment else None
+        body = StoredBody(**self._part("bodies", sequence.body)) if sequence.body else None
+        return Part(body, garment, StoredSequence(name=name, **self._part("sequences", name)))
 
-    def _part(self, kind: str, group: str, **more: str) -> StoredBody | StoredGarment | StoredSequence:
+    def _part(self, kind: str, group: str) -> dict[str, Any]:
         attributes = {key: self.index.groups[kind][group][key] for key in GROUP_ATTRIBUTES[kind]}
         names = {entry.name: f"{kind}/{group}/{entry.name}" for entry in FIELDS[kind]}
         arrays = {key: self.array(name) for key, name in names.items() if name in self.index.layouts}
-        return STORED[kind](**attributes, **arrays, **more)
+        return attributes | arrays

@@ -32,7 +32,7 @@ class GroupWriter:
         file.attrs.update(header.attributes | {"fabrics": fabrics})
         for fabric, settings in header.materials.items():
             file.create_group(f"materials/{fabric}").attrs.update(settings)
-        self._index.materials.update(header.materials)
+        self._index.materials.update({fabric: dict(settings) for fabric, settings in header.materials.items()})
 
     def add(self, part: Part) -> None:
         """Add the sequence, and its body and garment if they are not there yet."""

@@ -7,10 +7,10 @@ same index of files that are laid out otherwise.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -48,7 +48,7 @@ class Layout(NamedTuple):
 class Index:
     """Everything in a file but the arrays, and where these lie."""
 
-    attributes: dict[str, object] = field(default_factory=dict)
+    attributes: dict[str, Any] = field(default_factory=dict)
     materials: dict[str, dict] = field(default_factory=dict)
     groups: dict[str, dict[str, dict]] = field(default_factory=lambda: {kind: {} for kind in FIELDS})
     """``groups["sequences"]["00000"]["fabric"]``: the attributes of every group, those in JSON as Python values."""
@@ -110,7 +110,7 @@ class Index:
     def _check_references(self, attributes: Mapping, where: str, kind: str) -> None:
         if kind == "bodies":
             return
-        known = {"body": self.groups["bodies"]}
+        known: dict[str, Collection[str]] = {"body": self.groups["bodies"]}
         if kind == "sequences":
             known |= {"garment": self.groups["garments"], "fabric": self.materials, "split": SPLITS}
             if not attributes["body"] and not attributes["garment"]:
@@ -179,7 +179,7 @@ def _group_attributes(group: h5py.Group, path: Path, kind: str) -> dict:
     return values
 
 
-def layout_of(dataset: object, path: Path, entry: Field, lengths: dict[str, int]) -> Layout:
+def layout_of(dataset: Any, path: Path, entry: Field, lengths: dict[str, int]) -> Layout:
     """Layout of a dataset that is what ``entry`` says; ``lengths`` as in :func:`check_dataset`.
 
     Raises:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Generic, TypeVar
 
 import lightning
 import numpy as np
 
-from drape.data.windows import Window
+Batch = TypeVar("Batch")
 
 
-class WindowLoader:
+class WindowLoader(Generic[Batch]):
     """An iterable over batches of windows; ``build(indices)`` reads one batch.
 
     With ``seed`` the order is a permutation that depends on the seed and the epoch only, and every iteration starts
@@ -22,7 +23,7 @@ class WindowLoader:
 
     def __init__(
         self,
-        build: Callable[[np.ndarray], Window],
+        build: Callable[[np.ndarray], Batch],
         num_windows: int,
         batch_size: int,
         *,
@@ -47,7 +48,7 @@ class WindowLoader:
             return len(range(self._rank, batches, self._world_size))
         return self._num_windows // self._batch_size // self._world_size
 
-    def __iter__(self) -> Iterator[Window]:
+    def __iter__(self) -> Iterator[Batch]:
         if not self._in_place or self._next >= len(self):
             self._epoch, self._next = self._epoch + 1, 0
         self._in_place = False

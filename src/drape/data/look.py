@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from drape.data.animation_hdf5 import AnimationFile
+from drape.errors import DrapeError
 from drape.reading.mesh_record import FileForm
 from drape.scene.camera import Camera
 
@@ -19,7 +20,8 @@ OTHER_COLOUR = "#478577"
 def fabric_colour(fabric: str) -> tuple[float, float, float]:
     """Red, green, blue (sRGB, 0 to 1)."""
     text = COLOURS.get(fabric, OTHER_COLOUR)
-    return tuple(int(text[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    red, green, blue = (int(text[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return red, green, blue
 
 
 def upright(gravity: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
@@ -57,8 +59,15 @@ class Look:
         return _spread(self.file.x(frame), form) @ self._rotation.T
 
     def body(self, frame: int, form: FileForm | None = None) -> Float[np.ndarray, "body_vertices 3"]:
-        """Positions of the body [m], in the same way; only where there is one."""
-        return _spread(self.file.header.obstacle.at(frame), form) @ self._rotation.T
+        """Positions of the body [m], in the same way.
+
+        Raises:
+            DrapeError: there is none.
+        """
+        obstacle = self.file.header.obstacle
+        if obstacle is None:
+            raise DrapeError(f"{self.file.path}: body: found none; expected one, as it is to be shown")
+        return _spread(obstacle.at(frame), form) @ self._rotation.T
 
     def camera(self, aspect: float) -> Camera:
         """A camera that sees the cloth and what is near of the body in all frames."""

@@ -8,6 +8,7 @@ Three formats hold it. In ``drape garments``, and in ``drape recordings``, every
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -126,6 +127,6 @@ RECORDED_MATERIAL = tuple(name for name in MATERIAL_ATTRIBUTES if name not in ("
 """Of a file of recordings: ``mass_per_vertex`` is a mean, others are 0 where nothing is known."""
 
 
-def plain(value: object) -> object:
+def plain(value: Any) -> Any:
     """An HDF5 attribute as Python values."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -35,7 +36,7 @@ def check_kinds(attributes: Mapping[str, object], path: Path) -> None:
             attribute(path, name, plain(attributes[name]), expected)
 
 
-def check_attributes(file: h5py.File, path: Path, expected: Mapping[str, str]) -> dict[str, object]:
+def check_attributes(file: h5py.File, path: Path, expected: Mapping[str, str]) -> dict[str, Any]:
     """The attributes of a file as Python values; those that are ``expected``, with their meaning, are there and right.
 
     Raises:
@@ -61,7 +62,7 @@ def check_dataset(dataset: object, path: Path, field: Field, lengths: dict[str, 
     Raises:
         DrapeError: path, name, what was found, what was expected.
     """
-    dims = ", ".join(str(lengths.get(dim, dim)) for dim in field.dims)
+    dims = ", ".join(str(dim if isinstance(dim, int) else lengths.get(dim, dim)) for dim in field.dims)
     expected = f"expected {field.dtype} of shape ({dims})"
     if not isinstance(dataset, h5py.Dataset):
         raise DrapeError(f"{path}: {field.name}: missing; {expected}; {AGAIN}")

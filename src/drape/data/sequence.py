@@ -181,8 +181,9 @@ class GarmentSequence:
     def _carried(self, group: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rest positions, bones and weights: read once, as every window needs them."""
         if group not in self._carried_groups:
-            arrays = tuple(self.file.array(f"{group}/{name}") for name in ("rest_positions", "bones", "weights"))
-            self._carried_groups[group] = arrays
+            names = ("rest_positions", "bones", "weights")
+            rest, bones, weights = (self.file.array(f"{group}/{name}") for name in names)
+            self._carried_groups[group] = rest, bones, weights
         return self._carried_groups[group]
 
     def _has(self, name: str) -> bool:

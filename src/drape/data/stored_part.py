@@ -122,5 +122,3 @@ class Part(NamedTuple):
     """None: the motion of a body alone."""
     sequence: StoredSequence
 
-
-STORED = {"bodies": StoredBody, "garments": StoredGarment, "sequences": StoredSequence}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -60,7 +61,8 @@ class Window:
                 return value.pin_memory().to(device, non_blocking=True)
             return value.to(device)
 
-        return replace(self, **{name: moved(value) for name, value in values.items()})
+        there: dict[str, Any] = {name: moved(value) for name, value in values.items()}
+        return replace(self, **there)
 
     @property
     def balance(self) -> Float[Tensor, " meshes"]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 import weakref
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -89,12 +90,24 @@ class _SuperLU:
 
 
 class _Entries(NamedTuple):
-    """Entries of a matrix for PARDISO."""
+    """Entries of a matrix for PARDISO, which counts rows and columns from 1."""
 
-    shape: tuple[int, int]
+    data: np.ndarray
     indptr: np.ndarray
     indices: np.ndarray
-    data: np.ndarray
+    from_one: tuple[np.ndarray, np.ndarray]
+    """The two before, counted from 1."""
+
+    @classmethod
+    def of(cls, upper: sparse.csr_array, kind: type, before: _Entries | None) -> _Entries:
+        """With what is the same as ``before`` taken from there."""
+        with np.errstate(over="ignore"):
+            data = upper.data.astype(kind, copy=False)
+        places = upper.indptr, upper.indices
+        if before is not None and all(map(_same, places, (before.indptr, before.indices))):
+            return before._replace(data=data)
+        first, second = (each.astype(np.int32) + 1 for each in places)
+        return cls(data, *places, (first, second))
 
 
 class _Pardiso:
@@ -115,13 +128,13 @@ class _Pardiso:
         return any(self._factorise(upper, kind) and self._is_enough(upper, kind) for kind in self._kinds)
 
     def _factorise(self, upper: sparse.csr_array, kind: type) -> bool:
-        with np.errstate(over="ignore"):
-            entries = _Entries(upper.shape, upper.indptr, upper.indices, upper.data.astype(kind))
-        if not np.isfinite(entries.data).all():
+        before, entries = self._entries, _Entries.of(upper, kind, self._entries)
+        if kind is not np.float64 and not np.isfinite(entries.data).all():
             return False
-        before, self._entries = self._entries, entries
+        self._entries = entries
+        known = before is not None and before.from_one is entries.from_one and before.data.dtype == kind
         try:
-            if before is None or not _alike(before, entries):
+            if not known:  # the unknowns need another order
                 self._solver.free_memory(everything=True)
                 for number, value in {**OPTIONS, 2: 2 * (upper.shape[0] >= MANY), 28: int(kind is np.float32)}.items():
                     self._solver.set_iparm(number, value)
@@ -141,11 +154,27 @@ class _Pardiso:
         return bool(missed <= self.ENOUGH * np.linalg.norm(right))
 
     def _call(self, phase: int, right: np.ndarray) -> np.ndarray:
-        """Call PARDISO; the solver's public way compares all entries in each solve, and knows double precision only."""
+        """Call PARDISO. The wrapper's way copies all entries in each call, and knows double precision only.
+
+        Raises:
+            PyPardisoError: what PARDISO says is wrong, by its number.
+            ArithmeticError: there are no factors.
+        """
         if self._entries is None:
             raise ArithmeticError("there are no factors: no matrix, or the last one was not positive definite")
-        self._solver.set_phase(phase)
-        return self._solver._call_pardiso(self._entries, right.astype(self._entries.data.dtype))
+        data, solver = self._entries.data, self._solver
+        right = np.ascontiguousarray(right, data.dtype)
+        found, error = np.empty_like(right), ctypes.c_int32(0)
+        numbers = 1, 1, solver.mtype, phase, len(right), 1, 0  # of factors, which, of what, what to do, rows, columns
+        many, which, kind, step, rows, columns, silent = (ctypes.byref(ctypes.c_int32(each)) for each in numbers)
+        places = [_pointer(each, ctypes.c_int32) for each in (*self._entries.from_one, solver.perm)]
+        values = [_pointer(each, ctypes.c_double) for each in (data, right, found)]
+        handle, settings = _pointer(solver.pt, solver._pt_type[0]), _pointer(solver.iparm, ctypes.c_int32)
+        call = handle, many, which, kind, step, rows, values[0], *places, columns, settings, silent, *values[1:]
+        solver.libmkl.pardiso(*call, ctypes.byref(error))
+        if error.value:
+            raise PyPardisoError(error.value)
+        return found
 
     def solve(self, right: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
         return self._call(self.SOLVE, right).astype(np.float64)
@@ -156,10 +185,10 @@ class _Pardiso:
         self._entries = None
 
 
-def _alike(one: _Entries, other: _Entries) -> bool:
-    """The same places, in the same precision: the unknowns need no new order."""
-    return (
-        one.data.dtype == other.data.dtype
-        and np.array_equal(one.indptr, other.indptr)
-        and np.array_equal(one.indices, other.indices)
-    )
+def _same(one: np.ndarray, other: np.ndarray) -> bool:
+    return one is other or np.array_equal(one, other)
+
+
+def _pointer(values: np.ndarray, kind: type) -> Any:
+    """As the library declares its arguments, which may be in single precision all the same."""
+    return values.ctypes.data_as(ctypes.POINTER(kind))

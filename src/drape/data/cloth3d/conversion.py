@@ -52,7 +52,7 @@ def convert_cloth3d(data: Mapping) -> Conversion:
     return convert(path, config, header, splits, reader.read)
 
 
-def _settings(fabric: str, node: Mapping) -> dict[str, object]:
+def _settings(fabric: str, node: Mapping) -> dict[str, float | int | str]:
     """Blender's settings of a fabric; CLOTH3D does not say how many solver steps it took (0: not known)."""
     settings = {key: value for key, value in node.items() if key not in ("_target_", "name")}
     return settings | {"preset": fabric.capitalize(), "quality": 0}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -76,7 +77,7 @@ def read_info(path: Path) -> SequenceInfo:
     )
 
 
-def _numbers(path: Path, name: str, value: object, rows: int | None) -> Float[np.ndarray, "frames rows"]:
+def _numbers(path: Path, name: str, value: Any, rows: int | None) -> Float[np.ndarray, "frames rows"]:
     """A matrix of a column per frame, as rows of frames; None: a single vector of any length."""
     try:
         columns = np.asarray(value, np.float64)

@@ -127,7 +127,8 @@ def _sequences(
     paths: list[Path], data: Mapping, header: Header, fabrics: Mapping[str, str], splits: Mapping[str, str]
 ) -> Iterator[Part]:
     """Sequences that have mesh, pins and masses in common are of one garment."""
-    shapes, pieces = RestShapes(data), {}
+    shapes = RestShapes(data)
+    pieces: dict[tuple[bytes, ...], str] = {}
     for number, path in enumerate(tqdm(paths, desc="reading", unit=" sequences")):
         recording = read_recording(path, data)
         _check_motion(recording, header.fps, paths[0])

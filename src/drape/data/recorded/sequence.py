@@ -109,10 +109,11 @@ def _rate(source: MeshFile, given: float | None, path: Path) -> float:
     for value, where in ((source.fps, "fps"), (given, "data.fps")):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise DrapeError(f"{path}: {where}: found {value}; expected frames per second, more than 0")
-    if source.fps is None and given is None:
+    rate = given if source.fps is None else source.fps
+    if rate is None:
         raise DrapeError(f"{path}: found no rate; expected frames per second: set data.fps")
     if source.fps is not None and given is not None and not np.isclose(source.fps, given):
         raise DrapeError(
             f"{path}: found {source.fps:g} frames per second in the file and data.fps={given:g}; leave one out"
         )
-    return float(given if source.fps is None else source.fps)
+    return float(rate)

@@ -9,6 +9,7 @@ from pathlib import Path
 # that reads one: whatever a pickle names is looked up in a short table of constructors of plain numbers, and nothing
 # else is ever imported or called.
 from pickle import Unpickler, UnpicklingError
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
@@ -41,7 +42,8 @@ def _empty_array(kind: type, _shape: tuple = (0,), _dtype: object = b"b") -> np.
     """An array as numpy makes it again: an empty one, whose shape, type and numbers follow."""
     if kind is not _ArrayType:
         raise UnpicklingError(f"asks for an array of {kind!r}")
-    return np.zeros(1).__reduce__()[0](np.ndarray, (0,), b"b")
+    again: Any = np.zeros(1).__reduce__()[0]
+    return again(np.ndarray, (0,), b"b")
 
 
 def _new(kind: type, _base: type = object, _state: object = None) -> object:

@@ -55,7 +55,7 @@ def read_motion(path: Path) -> BodyMotion:
 
 def _rows(path: Path, name: str, found: np.ndarray | None, width: int) -> np.ndarray:
     fits = found is not None and found.dtype.kind in "iuf" and found.size > 0 and found.shape[-1:] == (width,)
-    if not fits or found.ndim > 2:
+    if found is None or not fits or found.ndim > 2:
         what = "nothing" if found is None else f"{found.dtype} of shape {found.shape}"
         raise DrapeError(f"{path}: {name}: found {what}; expected numbers of shape (frames, {width}); see {COMMAND}")
     rows = np.atleast_2d(found).astype(np.float64)
