@@ -111,6 +111,14 @@ def test_a_record_says_what_it_is_called():
     assert [row[0] for row in energy_error_table(_found(named)).rows] == ["Mine"]
 
 
+def test_a_label_of_the_command_line_says_everything():
+    other = dataclasses.replace(record("none", 0, loss="forces"), label="Mine")
+    command = {"command": "python src/train.py loss=forces 'label=Mine'"}
+    called = dataclasses.replace(other, provenance=dict(other.provenance) | command)
+    names = [energy_error_table(_found([run])).rows[0][0] for run in (other, called)]
+    assert names == ["Mine (loss=forces)", "Mine"]
+
+
 def test_force_table_begins_with_nothing_and_the_law():
     table = force_table(_found(RUNS))
     assert [row[0] for row in table.rows[:3]] == ["no internal force", "fitted spring-hinge law", "EUNet"]

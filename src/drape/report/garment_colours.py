@@ -18,14 +18,15 @@ OF_LAWS = (("#f2a33a", "#e04b3a", "#a8328f", "#4f46c9"), ("#a5c93c", "#1fa7a0", 
 """From the first to the last budget of a solver, for each law and contact."""
 OF_OTHERS = ("#7d8793", "#b08d57", "#6f9a7a", "#a07fa8")
 """Without dynamics."""
-GREY = "#8c8c8c"
+PALE = "#c9ccd1"
+"""Towards which the variants of a network go, as far as 0.7 of the way."""
 STYLES = ("-", "--", ":", "-.")
 
 
 def row_styles(rows: Sequence[GarmentRow]) -> dict[str, dict[str, Any]]:
     """Colour and dashes by label, no noise floor.
 
-    A network has the colour of its row in the paper, a variant of it a greyer one with dashes. Solvers of one law and
+    A network has the colour of its row in the paper, a variant of it a paler one with dashes. Solvers of one law and
     contact go through its colours from the smallest budget to the largest, with dashes by their time steps in a frame.
     Rows without dynamics are never solid.
     """
@@ -36,12 +37,13 @@ def row_styles(rows: Sequence[GarmentRow]) -> dict[str, dict[str, Any]]:
     for row in shown:
         like = [other for other in shown if other.family == row.family and _hue(other, laws) == _hue(row, laws)]
         number, hue = like.index(row), _hue(row, laws)
+        share = number / max(len(like) - 1, 1)
         if row.family == NETWORKS:
-            colour, dashes = _between((OF_NETWORKS[hue % len(OF_NETWORKS)], GREY), 0.65 * number / len(like)), number
+            colour, dashes = _between((OF_NETWORKS[hue % len(OF_NETWORKS)], PALE), 0.7 * share), number
         elif row.family == WITHOUT:
             colour, dashes = OF_OTHERS[number % len(OF_OTHERS)], 1 + number % (len(STYLES) - 1)
         else:
-            colour = _between(OF_LAWS[hue % len(OF_LAWS)], number / max(len(like) - 1, 1))
+            colour = _between(OF_LAWS[hue % len(OF_LAWS)], share)
             dashes = steps.index(budget_of(row.records[0])[1])
         styles[row.label] = {"color": colour, "linestyle": STYLES[dashes % len(STYLES)]}
     return styles

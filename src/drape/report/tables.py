@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from drape.metrics.fabric_metric import OVERALL
-from drape.report.labels import departing, row, row_name
+from drape.report.labels import departing, row, row_name, settings
 from drape.report.runs import Configuration, Spread
 from drape.report.table import Table, number
 
@@ -42,9 +42,10 @@ def is_papers(configuration: Configuration) -> bool:
 
 
 def label(configuration: Configuration) -> str:
-    """Name of a configuration: that of its row, and what else differs."""
-    name = row_name(configuration.runs[-1].label, configuration.model, configuration.ablation)
-    return departing(name, departures(configuration))
+    """Name of a configuration: what ``label=...`` has called it, or that of its row, and what else differs."""
+    run = configuration.runs[-1]
+    name = row_name(run.label, configuration.model, configuration.ablation)
+    return departing(name, {} if "label" in settings(run.provenance) else departures(configuration))
 
 
 def arranged(found: Sequence[Configuration], ablations: Sequence[str]) -> list[Configuration]:
