@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
 
 from drape.config.entry_point import CONF
 from drape.data.hdf5 import GarmentFile
@@ -97,6 +98,34 @@ def test_a_solver_is_named_by_what_it_may_spend(file, overrides, name):
     with initialize_config_dir(str(CONF), version_base=None):
         config = compose("evaluate", ["energy=phys", *overrides])
     assert Method(config, file).named("implicit", "phys") == name
+
+
+class Trained(Counted):
+    """A method with a network that says this of its training."""
+
+    def __init__(self, file: GarmentFile, **told):
+        super().__init__(file)
+        self.training = {"row": "mgn", "ablation": "none", "scale": "cpu", "seed": 0} | told
+        self.config = OmegaConf.create({"simulator": {"checkpoint": "some.ckpt"}})
+
+
+@pytest.mark.parametrize(
+    ("told", "name"),
+    [
+        ({}, "mgn_cpu_seed_0"),
+        ({"name": "mgn"}, "mgn_cpu_seed_0"),
+        ({"name": "mgn_5_steps", "ablation": "no_bending"}, "mgn_5_steps_no_bending_cpu_seed_0"),
+    ],
+)
+def test_a_network_is_named_by_its_run(file, told, name):
+    """By the name that the user gave it, so that two with other settings are two evaluations."""
+    assert Trained(file, **told).named("neural", "") == name
+
+
+@pytest.mark.parametrize("told", [{"name": "../mgn"}, {"row": "elsewhere/mgn"}, {"scale": "a/../.."}])
+def test_a_file_does_not_say_where_its_evaluation_goes(file, told):
+    with pytest.raises(DrapeError, match=r"some\.ckpt: training: found the name"):
+        Trained(file, **told).named("neural", "")
 
 
 def test_an_interrupted_sequence_goes_on_at_its_frame(file, tmp_path):

@@ -219,6 +219,16 @@ def test_the_linter_is_content():
     assert report.returncode == 0, report.stdout[-3000:]
 
 
+def test_names_in_annotations_are_there():
+    """The linter and mypy are told to pass over names that are not there: shapes are such names. Types are not."""
+    options = ["check", "--no-cache", "--isolated", "--select", "F821", "--output-format", "concise", "src"]
+    command = [sys.executable, "-m", "ruff", *options]
+    report = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    names = re.findall(r"F821 Undefined name `(\w+)`", report.stdout)
+    assert names  # of shapes
+    assert not [name for name in names if name[0].isupper()]
+
+
 def tool(module: str, command: str) -> subprocess.CompletedProcess:
     """Run a command of a package in this interpreter, in the repository."""
     code = f"import sys; from {module} import {command}; sys.argv = ['tool']; sys.exit({command}())"

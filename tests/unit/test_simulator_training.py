@@ -15,6 +15,7 @@ from drape.data.sequence_loader import Watched
 from drape.energy.fabric import Fabric
 from drape.energy.terms.contact import SurfaceContact
 from drape.energy.terms.free_motion import Inertia
+from drape.errors import DrapeError
 from drape.loss.potential import Potential
 from drape.loss.prediction import PredictionLoss
 from drape.metrics.rollout_scores import rollout_scores
@@ -89,6 +90,11 @@ class Told(torch.optim.Optimizer):
 def data(tmp_path_factory) -> GarmentDataModule:
     path = garments.write(tmp_path_factory.mktemp("garments") / "garments.h5", frames=9)
     return GarmentDataModule(str(path), ["silk", "denim"], "recorded", 3, 2, seed=0)
+
+
+def test_fabrics_that_the_file_lacks_are_refused(data):
+    with pytest.raises(DrapeError, match=r"no fabric wool; it has silk, denim; choose material"):
+        GarmentDataModule(str(data.file.path), ["silk", "wool"], "recorded", 3, 2, seed=0)
 
 
 def training(data: GarmentDataModule, **changes) -> Alone:

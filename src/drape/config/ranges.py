@@ -103,9 +103,10 @@ def out_of_range(tree: Any, path: str = "") -> Iterator[str]:
             yield f"{path}: found {tree!r}; expected {wanted.text()}"
     elif isinstance(tree, str) and not tree.strip() and path.split(".")[0] not in EMPTY:
         yield f"{path}: found {tree!r}; expected a text that is not empty"
-    elif isinstance(tree, str) and path in FOLDERS and _leaves_its_folder(tree):
+    elif isinstance(tree, str) and path in FOLDERS and leaves_its_folder(tree):
         yield f"{path}: found {tree!r}; expected a name without slashes that does not begin with a dot"
 
 
-def _leaves_its_folder(name: str) -> bool:
+def leaves_its_folder(name: str) -> bool:
+    """Whether a text that becomes a part of a path would lead elsewhere."""
     return name.startswith(".") or "/" in name or "\\" in name

@@ -59,9 +59,7 @@ class TrajectoryDataModule(lightning.LightningDataModule):
         self.batch_size = batch_size
         self.eval_batch_size = eval_batch_size
         self.seed = seed
-        unknown = [name for name in self.fabrics if name not in self.file.fabrics]
-        if unknown:
-            raise DrapeError(f"{path}: no fabric {', '.join(unknown)}; it has {', '.join(self.file.fabrics)}")
+        self.file.check_fabrics(self.fabrics)
         frames = np.array([sequence.num_frames for sequence in self.file.sequences])
         self.observation = observation
         self._windows_of = frames - 2 * observation.stride

@@ -63,6 +63,7 @@ class GarmentDataModule(lightning.LightningDataModule):
         self.file = open_dressed(path)
         self.fabrics, self.start, self.length = tuple(fabrics), start, length
         self.batch_size, self.seed = batch_size, seed
+        self.file.check_fabrics(self.fabrics)
         self._sequence = lru_cache(maxsize=None)(self.file.sequence)
         self._batch = lru_cache(maxsize=256)(self._joined_meshes)
         self.train_sequences = self._usable("train")

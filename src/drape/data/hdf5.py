@@ -124,6 +124,17 @@ class GarmentFile:
             raise DrapeError(f"{self.path}: split {name!r}; expected one of {', '.join(SPLITS)}")
         return tuple(key for key in self.names if self.index.groups["sequences"][key]["split"] == name)
 
+    def check_fabrics(self, fabrics: Sequence[str]) -> None:
+        """Refuse fabrics that the file does not have.
+
+        Raises:
+            DrapeError: some are missing.
+        """
+        unknown = [name for name in fabrics if name not in self.fabrics]
+        if unknown:
+            asked, known = ", ".join(unknown), ", ".join(self.fabrics)
+            raise DrapeError(f"{self.path}: no fabric {asked}; it has {known}; choose material=... of these")
+
     def numbers(self, split: str, fabrics: Sequence[str]) -> list[int]:
         """The sequences of a split that are of these fabrics, as numbers that count through :attr:`sequences`.
 

@@ -11,6 +11,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from drape import config as conf
+from drape.config.ranges import leaves_its_folder
 from drape.data.hdf5 import GarmentFile
 from drape.data.sequence import GarmentSequence
 from drape.energy.fabric import Fabric
@@ -61,10 +62,20 @@ class Method:
         """Simulator, energy and budget (``_40``, ``_x2``: two steps a frame) as one name, or what a network is.
 
         Only what is not usual is said of the budget.
+
+        Raises:
+            DrapeError: a checkpoint whose name would lead out of the folder of evaluations.
         """
         if (told := self.training) is not None:
-            name = told["row"] if told["ablation"] == "none" else f"{told['row']}_{told['ablation']}"
-            return f"{name}_{told['scale']}_seed_{told['seed']}"
+            row = told.get("name", told["row"])  # the user's own where one was given
+            name = row if told["ablation"] == "none" else f"{row}_{told['ablation']}"
+            name = f"{name}_{told['scale']}_seed_{told['seed']}"
+            if leaves_its_folder(name):
+                raise DrapeError(
+                    f"{self.config.simulator.checkpoint}: training: found the name {name!r}; expected one without "
+                    "slashes that does not begin with a dot"
+                )
+            return name
         signs = {"iterations": "_", "steps": "_x"}
         budget = "".join(f"{signs[key]}{value}" for key, value in chosen_budget(self.config.simulator).items())
         return f"{simulator}_{energy}{budget}" if self.minimises else simulator

@@ -210,6 +210,7 @@ class SimulatorTraining(lightning.LightningModule):
         return SimulatorRecord(
             training={
                 "row": choices["model"],
+                "name": config["name"],
                 "label": choices["label"],
                 "ablation": choices["ablation"],
                 "material": choices["material"],
