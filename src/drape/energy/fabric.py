@@ -99,9 +99,9 @@ def spring_hinge(
     return Fabric(_terms(at_density(law, material, areal_density), transfer, None), law.attributes)
 
 
-def of_law(law: BakedHinges, transfer: bool = True) -> Fabric:
-    """The energies of a table that is there already; see :class:`HingeElastic` for ``transfer``."""
-    return Fabric(_terms(law, transfer, None), law.attributes)
+def of_law(law: BakedHinges) -> Fabric:
+    """The energies of a table that is there already, for cloths of any resolution."""
+    return Fabric(_terms(law, True, None), law.attributes)
 
 
 def _terms(law: EdgeLaw | HingeLaw, transfer: bool, deformation: Deformation | None) -> list[EnergyTerm]:
