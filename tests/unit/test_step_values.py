@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.hdf5 import GarmentFile
@@ -22,6 +22,7 @@ from drape.scene.material import ATTRIBUTES
 from drape.scene.state import State
 from drape.simulators.advance import advance
 from drape.simulators.baselines import Ballistic, Frozen, Skinned
+from drape.simulators.kinematic import edge_lengths
 from drape.simulators.kinematic.edge_lengths import _next_weight, nearer_to_rest
 from drape.simulators.kinematic.prior import KinematicPrior, Nothing
 from drape.simulators.neural.cloths import Cloth, RecordedCloths, forced
@@ -158,11 +159,20 @@ def test_rounds_have_the_weights_of_chebyshev():
     )
 
 
-def test_kernel_and_tensors_relax_alike():
-    x = flat().x * torch.tensor([1.3, 0.8, 1.0]).double()
+def test_kernel_and_tensors_relax_alike(monkeypatch):
+    """Positions and their derivative, of the kernels and of the operations on tensors that a GPU runs."""
     mesh, free = flat().mesh, torch.arange(16) > 2
-    with_graph = nearer_to_rest(x.clone().requires_grad_(), mesh, free, 9).detach()
-    torch.testing.assert_close(nearer_to_rest(x, mesh, free, 9), with_graph)
+    towards = torch.randn(16, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+
+    def relaxed() -> tuple[Tensor, Tensor]:
+        x = (flat().x * torch.tensor([1.3, 0.8, 1.0]).double()).requires_grad_()
+        after = nearer_to_rest(x, mesh, free, 9)
+        (after * towards).sum().backward()
+        return after.detach(), x.grad
+
+    by_kernel = relaxed()
+    monkeypatch.setattr(edge_lengths._Compiled, "apply", edge_lengths._on_tensors)
+    torch.testing.assert_close(relaxed(), by_kernel)
 
 
 # Cloths

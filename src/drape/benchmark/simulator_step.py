@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import statistics
 import time
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -18,6 +19,7 @@ from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.garment_rollout import GarmentRollout
 from drape.loss.prediction import Prediction
 from drape.simulators.advance import advance
+from drape.simulators.neural.cloths import Cloth
 from drape.simulators.neural.rollout_step import rollout_step
 
 WARM_UP = 3
@@ -26,11 +28,12 @@ PARTS = ("data", "search", "forward", "loss", "backward", "optimizer")
 
 
 class SimulatorStep:
-    """Phases of one step of a rollout [ms], medians over ``repeats``, and of its network alone.
+    """Phases of one step of a rollout [ms], medians over ``repeats`` rollouts, and of its network alone.
 
-    ``data`` (read a rollout, draw its cloth) is spread over the steps of a rollout, as many as the schedule of the
-    config has on average; ``search`` finds the nearest faces of the body. ``networks``: the same layers on the same
-    inputs, ready made, forward and backward; steps and networks alternate, so that both see the same machine.
+    A rollout has as many steps as the schedule of the config gives on average, from recorded frames; what it needs
+    once (``data``: reading it and drawing its cloth; the meshes at rest) is spread over them. ``search`` finds the
+    nearest faces of the body. ``networks``: the same layers on the same inputs, ready made, forward and backward;
+    steps and networks alternate, so that both see the same machine.
     """
 
     def __init__(self, repeats: int):
@@ -50,7 +53,7 @@ class SimulatorStep:
         scale = config.scale.simulator
         title = (
             f"A training step of {conf.chosen('model')}: width {scale.width}, batch {scale.batch_size}, {self.repeats} "
-            f"steps; beyond the network {100 * beyond:.0f} % of its forward and backward time"
+            f"rollouts of {step.length} steps; beyond the network {100 * beyond:.0f} % of its forward and backward time"
         )
         parts: list[Row] = [{"part": name, "ms": 1e3 * seconds} for name, seconds in cost.items()]
         return Measured("training_step", title, parts, circumstances.text())
@@ -66,23 +69,32 @@ class _Step:
         self.optimizer = conf.instantiate(config.optimizer)(self.network.parameters())
         self.generator = torch.Generator().manual_seed(config.seed)
         growing = conf.instantiate(config.training.curriculum)
-        self.length = statistics.fmean(growing.length(k) for k in range(config.scale.simulator.iterations))
+        lengths = [growing.length(k) for k in range(config.scale.simulator.iterations)]
+        self.length = max(round(statistics.fmean(lengths)), 1)
         named = self.network.network.named_children()
         self.layers = [module for name, module in named if name in ("net", "decoder")]
 
     def costs(self, rollouts: Iterator[GarmentRollout]) -> dict[str, float]:
-        """Seconds of the :data:`PARTS`, of the ``step``, and of the ``networks`` alone."""
-        marks = [time.perf_counter()]
+        """Seconds of the :data:`PARTS`, of the ``step``, and of the ``networks`` alone, of a step of the next rollout."""
+        began = time.perf_counter()
         rollout = next(rollouts)
         cloth = self.cloths.draw(rollout, self.data.materials, self.generator)
-        step = rollout_step(rollout, 0, rollout.x[1], (rollout.x[1] - rollout.x[0]) / rollout.dt, cloth)
-        marks.append(time.perf_counter())
+        total = Counter(data=time.perf_counter() - began)
+        for k in range(self.length):
+            total.update(self._one(rollout, cloth, k))
+        cost = {name: seconds / self.length for name, seconds in total.items()}
+        return cost | {"step": sum(cost[name] for name in PARTS)}
+
+    def _one(self, rollout: GarmentRollout, cloth: Cloth, k: int) -> dict[str, float]:
+        """The step from frame k + 1."""
+        marks = [time.perf_counter()]
+        step = rollout_step(rollout, k, rollout.x[k + 1], (rollout.x[k + 1] - rollout.x[k]) / rollout.dt, cloth)
         _ = step.near
         marks.append(time.perf_counter())
         with _Inputs(self.layers) as calls:
             x_next = advance(self.network, step)
         marks.append(time.perf_counter())
-        prediction = Prediction(x_next, step, rollout.x[2], cloth.terms, progress=0.5)
+        prediction = Prediction(x_next, step, rollout.x[k + 2], cloth.terms, progress=0.5)
         total = sum(loss.total(loss(prediction)) for loss in self.losses)
         marks.append(time.perf_counter())
         total.backward()
@@ -90,9 +102,8 @@ class _Step:
         self.optimizer.step()
         self.optimizer.zero_grad()
         marks.append(time.perf_counter())
-        row = dict(zip(PARTS, np.diff(marks).tolist(), strict=True))
-        row["data"] /= self.length
-        return row | {"step": sum(row.values()), "networks": _alone(calls)}
+        row = dict(zip(PARTS[1:], np.diff(marks).tolist(), strict=True))
+        return row | {"networks": _alone(calls)}
 
 
 class _Inputs:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import torch
@@ -29,31 +30,50 @@ def nearer_to_rest(
     about that of recorded garments. Differentiable.
     """
     degree = mesh.edges.flatten().bincount(minlength=len(x)).clamp(min=1)
-    share = (free / degree).to(x)[:, None]
-    if x.device.type == "cpu" and not (x.requires_grad and torch.is_grad_enabled()):
-        weights = [1.0]
-        for k in range(rounds):
-            weights.append(_next_weight(k, weights[-1]))
-        given = (x.double(), mesh.edges, mesh.rest_lengths.double(), share[:, 0].double())
-        found = _relaxed(*(part.detach().contiguous().numpy() for part in given), np.array(weights[1:]))
-        return torch.from_numpy(found).to(x)
-    first, second = mesh.edges.unbind(-1)
-    rest = mesh.rest_lengths.to(x)[:, None]
-    before, weight = x, 1.0
+    share = (free / degree).to(x)
+    weights = [1.0]
     for k in range(rounds):
+        weights.append(_next_weight(k, weights[-1]))
+    form = _Compiled.apply if x.device.type == "cpu" else _on_tensors
+    return form(x, mesh.edges, mesh.rest_lengths.to(x), share, weights[1:])
+
+
+def _on_tensors(x: Tensor, edges: Tensor, rest: Tensor, share: Tensor, weights: list[float]) -> Tensor:
+    first, second = edges.unbind(-1)
+    before = x
+    for weight in weights:
         arm = x.index_select(0, second) - x.index_select(0, first)
-        change = (1.0 - rest / safe_norm(arm, TINY)[:, None]) * arm
-        after = x + share * torch.zeros_like(x).index_add(0, first, change).index_add(0, second, -change)
-        weight = _next_weight(k, weight)
-        before, x = x, before + weight * (after - before)
+        change = (1.0 - rest / safe_norm(arm, TINY))[:, None] * arm
+        moved = torch.zeros_like(x).index_add(0, first, change).index_add(0, second, -change)
+        before, x = x, before + weight * (x + share[:, None] * moved - before)
     return x
+
+
+class _Compiled(torch.autograd.Function):
+    """The same on a CPU, in float64, and its derivative; as hundreds of small operations on tensors ten times as dear."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, edges: Tensor, rest: Tensor, share: Tensor, weights: list[float]) -> Tensor:
+        given = (edges.numpy(), *(t.double().contiguous().numpy() for t in (rest, share)), np.array(weights))
+        path = _relaxed(x.detach().double().contiguous().numpy(), *given)
+        ctx.path, ctx.given = path, given
+        return torch.from_numpy(path[-1].copy()).to(x.dtype)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        found = _pulled_back(gradient.double().contiguous().numpy(), ctx.path, *ctx.given)
+        return torch.from_numpy(found).to(gradient.dtype), None, None, None, None
 
 
 @compiled
 def _relaxed(start, edges, rest, share, weights):
-    """The same without a graph."""
-    x, before, moved = start.copy(), start.copy(), np.zeros(start.shape)
-    for weight in weights:
+    """The positions before and after each round, ``(rounds + 1) vertices 3``."""
+    path = np.empty((len(weights) + 1, *start.shape))
+    path[0] = start
+    moved = np.empty(start.shape)
+    for k in range(len(weights)):
+        before, x, after = path[max(k - 1, 0)], path[k], path[k + 1]
         moved[:] = 0.0
         for e in range(len(edges)):
             i, j = edges[e, 0], edges[e, 1]
@@ -65,9 +85,39 @@ def _relaxed(start, edges, rest, share, weights):
                 moved[j, axis] -= way
         for i in range(len(x)):
             for axis in range(3):
-                after = before[i, axis] + weight * (x[i, axis] + share[i] * moved[i, axis] - before[i, axis])
-                before[i, axis], x[i, axis] = x[i, axis], after
-    return x
+                new = x[i, axis] + share[i] * moved[i, axis]
+                after[i, axis] = before[i, axis] + weights[k] * (new - before[i, axis])
+    return path
+
+
+@compiled
+def _pulled_back(gradient, path, edges, rest, share, weights):
+    """The derivative by the start from that by the end: the rounds backwards."""
+    of_after, of_x, of_before = gradient.copy(), np.zeros(gradient.shape), np.empty(gradient.shape)
+    for k in range(len(weights) - 1, -1, -1):
+        x, weight = path[k], weights[k]
+        for i in range(len(x)):
+            for axis in range(3):
+                of_x[i, axis] += weight * of_after[i, axis]
+                of_before[i, axis] = (1.0 - weight) * of_after[i, axis]
+        for e in range(len(edges)):
+            i, j = edges[e, 0], edges[e, 1]
+            a, b, c = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+            square = a * a + b * b + c * c + TINY * TINY
+            relative = rest[e] / math.sqrt(square)
+            u, v = weight * share[i], weight * share[j]
+            p = u * of_after[i, 0] - v * of_after[j, 0]
+            q = u * of_after[i, 1] - v * of_after[j, 1]
+            r = u * of_after[i, 2] - v * of_after[j, 2]
+            along = relative * (p * a + q * b + r * c) / square
+            part = 1.0 - relative
+            for axis, way in enumerate((part * p + along * a, part * q + along * b, part * r + along * c)):
+                of_x[j, axis] += way
+                of_x[i, axis] -= way
+        if k == 0:
+            of_x += of_before
+        of_after, of_x, of_before = of_x, of_before, of_after
+    return of_after
 
 
 def _next_weight(k: int, weight: float) -> float:
