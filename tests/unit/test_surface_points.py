@@ -95,3 +95,11 @@ def test_stencils_are_the_stiffness_of_the_points(per_edge, per_face):
     np.testing.assert_allclose(found.numpy(), expected, atol=1e-12)
     carriers = [len(vertices) for vertices, _ in pieces[1:]]
     assert carriers == [mesh.num_edges] * (per_edge > 0) + [len(mesh.faces)] * (per_face > 0)
+
+
+def test_a_mesh_has_its_points_once():
+    """Who keeps places in a matrix by the tensors of the points would look for them anew in each step."""
+    mesh = MeshBatch.from_meshes([square_grid(1.0, 4)])
+    assert SurfacePoints.of(mesh, 1) is SurfacePoints.of(mesh, 1)
+    assert SurfacePoints.of(mesh, 1) is not SurfacePoints.of(mesh, 0)
+    assert SurfacePoints.of(mesh, 1) is not SurfacePoints.of(MeshBatch.from_meshes([square_grid(1.0, 4)]), 1)

@@ -6,6 +6,7 @@ import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import torch
 from jaxtyping import Float, Int
@@ -49,7 +50,17 @@ class SurfacePoints:
 
     @classmethod
     def of(cls, mesh: MeshBatch, per_edge: int = 0, per_face: int = 0) -> SurfacePoints:
-        """Of every cloth of a batch; each kind of points that is there carries the same share of the mass."""
+        """Of every cloth of a batch; each kind of points that is there carries the same share of the mass.
+
+        Made once for a mesh: who remembers where the pieces of its points go in a matrix, knows them by their tensors.
+        """
+        kept = _KEPT.setdefault(mesh, {})
+        if (per_edge, per_face) not in kept:
+            kept[per_edge, per_face] = cls._made(mesh, per_edge, per_face)
+        return kept[per_edge, per_face]
+
+    @classmethod
+    def _made(cls, mesh: MeshBatch, per_edge: int, per_face: int) -> SurfacePoints:
         own = torch.arange(mesh.num_vertices, device=mesh.faces.device)[:, None]
         inside: list[Weights] = [((k + 1) / (per_edge + 1), 1 - (k + 1) / (per_edge + 1)) for k in range(per_edge)]
         kinds: list[tuple[Tensor, list[Weights]]]
@@ -135,6 +146,10 @@ IN_FACE: dict[int, list[Weights]] = {
     3: [(2 / 3, 1 / 6, 1 / 6), (1 / 6, 2 / 3, 1 / 6), (1 / 6, 1 / 6, 2 / 3)],
 }
 """Barycentric coordinates of the points in a face, by their number."""
+
+
+_KEPT: WeakKeyDictionary[MeshBatch, dict[tuple[int, int], SurfacePoints]] = WeakKeyDictionary()
+"""As long as the mesh lives, by the numbers of points inside an edge and a face."""
 
 
 def _padded(rows: Tensor, repeat: bool) -> Tensor:

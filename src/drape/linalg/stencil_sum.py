@@ -66,8 +66,8 @@ def _pairs(corners: int) -> Int[Tensor, "2 pairs"]:
 def _keys(vertices: Int[Tensor, "stencils corners"], size: int) -> Int[Tensor, "pairs stencils"]:
     """Row times ``size`` plus column, in the upper triangle, of each pair of coordinates of each stencil."""
     slots = (3 * vertices.cpu()[:, :, None] + torch.arange(3)).flatten(1).T
-    ends = slots[_pairs(vertices.shape[1])]
-    return ends.amin(0) * size + ends.amax(0)
+    one, other = slots[_pairs(vertices.shape[1])]
+    return torch.minimum(one, other) * size + torch.maximum(one, other)
 
 
 class StencilSum:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
@@ -49,7 +48,7 @@ class Newton(Potential):
     ):
         super().__init__(weight, contact, ramp, friction)
         self.energies, self.scale, self.longest = energies, scale, longest
-        self._sums: WeakKeyDictionary[MeshBatch, StencilSum] = WeakKeyDictionary()
+        self._last: tuple[MeshBatch, StencilSum, Factorisation] | None = None
 
     def forward(self, prediction: Prediction) -> dict[str, Tensor]:
         step, x_next = prediction.step, prediction.x_next.detach()
@@ -72,13 +71,12 @@ class Newton(Potential):
         return self.weight * values["newton"] + self.energies * super().total(_energies(values))
 
     def _newton(self, terms: list[EnergyTerm], x: Tensor, step: Step, gradient: Tensor) -> Float[Tensor, "vertices 3"]:
-        if step.mesh not in self._sums:
-            self._sums[step.mesh] = StencilSum()
+        if self._last is None or self._last[0] is not step.mesh:  # a rollout keeps its mesh
+            self._last = step.mesh, StencilSum(), Factorisation()
+        _, stencils, factors = self._last
         pieces = [piece for term in terms for piece in term.stencils(x, step)]
         slots = np.flatnonzero(np.repeat(step.free.cpu().numpy(), 3))
-        matrix = self._sums[step.mesh].upper(pieces, len(x))[slots][:, slots]
-        factors = Factorisation()
-        factors.factorise(matrix)
+        factors.factorise(stencils.upper(pieces, len(x))[slots][:, slots])
         solution = np.zeros(3 * len(x))
         solution[slots] = factors.solve(gradient.reshape(-1).double().cpu().numpy()[slots])
         return torch.from_numpy(solution).to(x).view(-1, 3)
