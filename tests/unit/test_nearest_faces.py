@@ -77,7 +77,7 @@ BODIES = {
 
 def on_device(monkeypatch):
     """Search as on a device, a few points at a time."""
-    def by_distances(points, mesh_of_point, corners, mesh_of_face, faces):
+    def by_distances(points, mesh_of_point, corners, mesh_of_face, *_):
         pairs = closest_faces(points, mesh_of_point, corners, mesh_of_face)
         return nearest_faces._choose(pairs, points, corners)
 
@@ -107,6 +107,21 @@ def test_nearest_and_side(body, device, monkeypatch):
     arm = x[seen] - near.end.point
     torch.testing.assert_close(arm.norm(dim=-1), expected[seen], rtol=1e-5, atol=1e-8)  # up to ties
     torch.testing.assert_close((arm * near.end.normal).sum(-1), near.height, rtol=1e-9, atol=1e-12)
+
+
+def test_a_body_that_has_moved_is_searched_as_exactly():
+    """The tree keeps the order of the faces of the first frame: however a body moves, only time is lost by that."""
+    faces, vertices = tensors(spiky())
+    find(vertices, faces, vertices)
+    moved = vertices[torch.randperm(len(vertices), generator=torch.Generator().manual_seed(0))]
+    x = 0.8 * torch.rand(200, 3, dtype=torch.float64) - 0.4
+    torch.testing.assert_close(find(x, faces, moved).distance.abs(), tried(x, moved[faces]), rtol=1e-9, atol=1e-12)
+    flat = vertices.clone()
+    flat[faces[:20]] = 0.0  # fewer faces have an area
+    seen = trimesh.triangles.area(flat[faces].numpy()) > 1e-12
+    assert 0 < int(seen.sum()) < len(faces)
+    expected = tried(x, flat[faces[seen]])
+    torch.testing.assert_close(find(x, faces, flat).distance.abs(), expected, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("device", ["tree", "chunks"])

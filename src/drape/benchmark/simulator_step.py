@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import statistics
 import time
-from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -75,14 +74,13 @@ class _Step:
         self.layers = [module for name, module in named if name in ("net", "decoder")]
 
     def costs(self, rollouts: Iterator[GarmentRollout]) -> dict[str, float]:
-        """Seconds of the :data:`PARTS`, of the ``step``, and of the ``networks`` alone, of a step of the next rollout."""
+        """Seconds of the :data:`PARTS`, of the ``step``, and of its ``networks`` alone, in the next rollout."""
         began = time.perf_counter()
         rollout = next(rollouts)
         cloth = self.cloths.draw(rollout, self.data.materials, self.generator)
-        total = Counter(data=time.perf_counter() - began)
-        for k in range(self.length):
-            total.update(self._one(rollout, cloth, k))
-        cost = {name: seconds / self.length for name, seconds in total.items()}
+        data = time.perf_counter() - began
+        rows = [self._one(rollout, cloth, k) for k in range(self.length)]
+        cost = {"data": data / self.length} | {name: statistics.fmean(row[name] for row in rows) for name in rows[0]}
         return cost | {"step": sum(cost[name] for name in PARTS)}
 
     def _one(self, rollout: GarmentRollout, cloth: Cloth, k: int) -> dict[str, float]:

@@ -102,8 +102,18 @@ def _select(order, keys, first, last, middle):
 
 
 @inlined
-def _halved(corners, leaves):
-    """The faces leaf after leaf: all are cut into halves across the longest side of their box, and so on."""
+def _leaves(count):
+    """Number of leaves of a tree of so many faces, a power of two."""
+    leaves = 1
+    while leaves * LEAF < count:
+        leaves *= 2
+    return leaves
+
+
+@compiled
+def halved(corners):
+    """The faces [F, 3, 3] leaf after leaf: all are cut into halves across the longest side of their box, and so on."""
+    leaves = _leaves(len(corners))
     order, centres = np.arange(len(corners)), np.empty((3, len(corners)))
     for f in range(len(corners)):
         for axis in range(3):
@@ -155,12 +165,12 @@ def _to_box(p, boxes, node):
 
 
 @compiled
-def closest_of_tree(points, corners):
-    """Number of the face [F, 3, 3] that is closest to each point [N, 3]; -1 where none is at a finite distance."""
-    leaves, guess = 1, 0
-    while leaves * LEAF < len(corners):
-        leaves *= 2
-    order = _halved(corners, leaves)
+def closest_of_tree(points, corners, order):
+    """Number of the face [F, 3, 3] that is closest to each point [N, 3]; -1 where none is at a finite distance.
+
+    ``order``: of the faces in the tree, by :func:`halved`. That of a body some frames before is as good.
+    """
+    leaves, guess = _leaves(len(corners)), 0
     sorted_corners = corners[order]
     boxes = _boxes(sorted_corners, leaves)
     found = np.full(len(points), -1)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import MutableMapping
 from dataclasses import dataclass, fields, replace
 from math import pi
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.utils.weak import WeakIdKeyDictionary
 
 from drape.geometry.corners import cross, dot
-from drape.geometry.face_tree import closest_of_tree, frames, sided
+from drape.geometry.face_tree import closest_of_tree, frames, halved, sided
 from drape.geometry.mesh_distances import Pairs, closest_faces, gathered
 from drape.geometry.triangles import closest_on_triangles
 
@@ -74,7 +77,7 @@ class NearestFaces:
             if len(kept) < len(faces):
                 faces, mesh_of_face, corners = faces[kept], mesh_of_face[kept], corners[kept]
             if x.device.type == "cpu":
-                near = _by_tree(points, mesh_of_point, corners, mesh_of_face, faces)
+                near = _by_tree(points, mesh_of_point, corners, mesh_of_face, faces, all_faces)
             else:
                 near = _choose(closest_faces(points, mesh_of_point, corners, mesh_of_face), points, corners)
             start = _frame(corners[near.face], near.barycentric)
@@ -114,6 +117,10 @@ class NearestFaces:
         return NearestFaces(**parts, end=Frame(*(part[rows] for part in self.end)))
 
 
+_ORDERS: MutableMapping[Tensor, np.ndarray] = WeakIdKeyDictionary()
+"""Of the faces of a body in a tree. Bodies bend and go on, so what is near in one frame mostly is so in the next."""
+
+
 class _Near(NamedTuple):
     point: Int[Tensor, " near"]
     face: Int[Tensor, " near"]
@@ -122,9 +129,11 @@ class _Near(NamedTuple):
 
 
 def _with_area(corners: Float[Tensor, "faces 3 3"]) -> Int[Tensor, " kept"]:
-    sides = corners - corners.roll(1, 1)
-    double_area = torch.linalg.cross(sides[:, 0], sides[:, 1]).norm(dim=-1)
-    return (double_area > FLAT * sides.square().sum((1, 2))).nonzero()[:, 0]
+    a, b, c = corners.permute(1, 2, 0).contiguous()
+    first, second, third = b - a, c - b, a - c
+    normal = cross(first, second)
+    squares = dot(first, first) + dot(second, second) + dot(third, third)
+    return (dot(normal, normal).sqrt() > FLAT * squares).nonzero()[:, 0]
 
 
 def _by_tree(
@@ -133,6 +142,7 @@ def _by_tree(
     corners: Float[Tensor, "faces 3 3"],
     mesh_of_face: Int[Tensor, " faces"],
     faces: Int[Tensor, "faces 3"],
+    all_faces: Int[Tensor, "all_faces 3"],
 ) -> _Near:
     """On the CPU; those of different meshes are moved apart for the search."""
     point, place, target = torch.arange(len(points)), points, corners
@@ -143,7 +153,11 @@ def _by_tree(
         both = torch.cat([points, corners.reshape(-1, 3)])
         along = GAP * (both.amax(0) - both.amin(0)).amax() * torch.tensor([1.0, 0.0, 0.0], dtype=points.dtype)
         place, target = (points + mesh_of_point[:, None] * along)[point], corners + mesh_of_face[:, None, None] * along
-    closest = torch.from_numpy(closest_of_tree(place.contiguous().numpy(), target.contiguous().numpy()))
+    known = place.contiguous().numpy(), target.contiguous().numpy()
+    order = _ORDERS.get(all_faces)
+    if order is None or len(order) != len(faces):
+        order = _ORDERS[all_faces] = halved(known[1])
+    closest = torch.from_numpy(closest_of_tree(*known, order))
     if not bool((closest >= 0).all()):  # of what is not a number
         point, closest = point[closest >= 0], closest[closest >= 0]
     given = points[point].numpy(), corners.contiguous().numpy(), faces.contiguous().numpy(), closest.numpy()

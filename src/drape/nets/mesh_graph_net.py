@@ -150,7 +150,7 @@ class _Step(nn.Module):
             active = edge_set.take(rows[part]) if part in rows else edge_set
             message = self.messages[part.name](nodes, active)
             received = nodes.new_zeros(nodes.shape).index_add(0, active.receivers, message)
-            hidden = hidden + linear(received, of_sum)
+            hidden += linear(received, of_sum)
             features = edge_set.features
             features = features.index_add(0, rows[part], message) if part in rows else features + message
             edges = edges | {part.name: replace(edge_set, features=features)}
@@ -174,9 +174,9 @@ class _Message(nn.Module):
         hidden = linear(edges.features, of_edge, self.first.bias)
         for ends, weight in ((edges.receivers, of_receiver), (edges.senders, of_sender)):
             if len(edges) > len(nodes):
-                hidden = hidden + linear(nodes, weight).index_select(0, ends)
+                hidden += linear(nodes, weight).index_select(0, ends)
             else:
-                hidden = hidden + linear(nodes.index_select(0, ends), weight)
+                hidden += linear(nodes.index_select(0, ends), weight)
         return self.others(hidden)
 
 

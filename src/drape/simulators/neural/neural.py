@@ -44,7 +44,7 @@ class NeuralSimulator:
         self.steps = SceneSteps(scene, known.attributes, device, getattr(network, "contact", None))
         self.fabric = cloths.terms(scene.material)
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def step(self, state: State, frame: int) -> StepResult:
         """The state at frame ``frame + 1`` from that at ``frame``; the same one if the prediction is not finite."""
         origin = self.steps.origin(state)
