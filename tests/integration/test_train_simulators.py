@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from drape.benchmark.simulator_step import PARTS
 from drape.config.entry_point import CONF
 from drape.data.animation_hdf5 import AnimationFile
 from tests import garments
@@ -178,8 +179,18 @@ def test_a_step_is_measured_beside_its_network(row, tubes, tmp_path):
     )
     assert done.code == 0, done.err
     with open(tmp_path / "training_step.csv") as file:
-        ms = {line["part"]: float(line["ms"]) for line in csv.DictReader(file)}
+        rows = {line["part"]: line for line in csv.DictReader(file)}
+    ms = {part: float(row["ms"]) for part, row in rows.items()}
     parts = [ms[name] for name in ("data", "search", "forward", "loss", "backward", "optimizer")]
     assert min(parts) > 0
     assert 0.5 < sum(parts) / ms["step"] < 2.0  # measured one after the other, maybe on a busy machine
     assert 0 < ms["networks"] < ms["step"]
+    operations = {part: int(row["operations"]) for part, row in rows.items()}
+    assert sum(operations[name] for name in PARTS) + operations["data"] == operations["step"]
+    assert 0 < operations["networks"] < operations["forward"] + operations["backward"]
+
+
+def test_a_step_on_a_gpu_needs_one(tubes, tmp_path):
+    done = in_process("benchmark", "model=mgn", "trainer=gpu", f"data.path={tubes}", f"folder={tmp_path}")
+    assert done.code == 2
+    assert done.err == "error: trainer.accelerator: found gpu, but PyTorch sees none here; use trainer=cpu\n"

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch.profiler import ProfilerActivity, profile
 
+from drape.benchmark.calls import driver_calls
 from drape.benchmark.measured import Row
 from drape.data.windows import Window
 from drape.energy.law.eunet import EUNet
@@ -18,12 +19,6 @@ from drape.training.captured_step import CapturedStep
 
 WARM_UP = 5
 """Steps that are not counted."""
-COUNTED = {
-    "launches": ("cudaLaunchKernel", "cudaLaunchKernelExC", "cuLaunchKernel", "cuLaunchKernelEx", "cudaGraphLaunch"),
-    "copies": ("cudaMemcpyAsync", "cudaMemsetAsync", "cudaMemcpy"),
-    "synchronisations": ("cudaStreamSynchronize", "cudaDeviceSynchronize", "cudaEventSynchronize"),
-}
-"""Counter -> names of calls to the driver."""
 
 
 class DeviceStep:
@@ -87,11 +82,7 @@ class DeviceStep:
         """Calls to the driver in one step; the one that ends the profile is not counted."""
         with profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]) as profiled:
             self._step(slopes)
-        calls = {event.key: event.count for event in profiled.key_averages()}
-        counts = {what: sum(calls.get(name, 0) for name in names) for what, names in COUNTED.items()}
-        kernels = sum(event.device_type == torch.autograd.DeviceType.CUDA for event in profiled.events())
-        counts["synchronisations"] = max(counts["synchronisations"] - 1, 0)
-        return counts | {"kernels": kernels}
+        return driver_calls(profiled)
 
 
 def _now() -> float:

@@ -19,7 +19,7 @@ from drape.training.step_cost import StepCost
 class TrainingStep:
     """Phases of a training step [ms], medians over ``repeats``; see :class:`StepCost` and :class:`SimulatorStep`.
 
-    With ``trainer=gpu`` the step of an energy on the GPU, eager and captured: :class:`DeviceStep`.
+    With ``trainer=gpu`` on the GPU, the step of an energy eager and captured: :class:`DeviceStep`.
 
     Raises:
         DrapeError: no repeats, or no GPU.
@@ -32,6 +32,9 @@ class TrainingStep:
 
     def measure(self, config: DictConfig) -> Measured:
         """Of the model, loss and data of ``config``, composed from ``conf/train.yaml``."""
+        on_gpu = config.trainer.accelerator == "gpu"
+        if on_gpu and not torch.cuda.is_available():
+            raise DrapeError("trainer.accelerator: found gpu, but PyTorch sees none here; use trainer=cpu")
         if "network" in config.model:
             return SimulatorStep(self.repeats).measure(config)
         circumstances = Circumstances()
@@ -46,9 +49,7 @@ class TrainingStep:
             f"A training step of {conf.chosen('model')}: width {config.scale.width}, batch {config.scale.batch_size}, "
             f"{self.repeats} steps"
         )
-        if config.trainer.accelerator == "gpu":
-            if not torch.cuda.is_available():
-                raise DrapeError("trainer.accelerator: found gpu, but PyTorch sees none here; use trainer=cpu")
+        if on_gpu:
             rows = DeviceStep(energy, loss, windows, torch.device("cuda")).measure(self.repeats)
             return Measured("training_step", title, rows, f"{torch.cuda.get_device_name()}; {circumstances.text()}")
         cost = StepCost(energy, loss, windows).measure(self.repeats)

@@ -159,18 +159,23 @@ class SimulatorTraining(lightning.LightningModule):
         totals = []
         for loss in cast(Iterable[PredictionLoss], self.loss.values()):
             values = loss(prediction)
-            for name, value in values.items():
-                if not torch.isfinite(value):
-                    raise DrapeError(
-                        f"training stopped at step {self.global_step}: loss term {name} is {float(value.detach())} for "
-                        f"{', '.join(rollout.names)}; the last checkpoint is from before; lower the learning rate or "
-                        "look at the data"
-                    )
             shown = {f"loss/{name}": value.detach() for name, value in values.items()}
+            self._check_finite(shown, rollout)
             shown |= {f"energy_J/{name}": value for name, value in loss.joules(values, prediction).items()}
             sums |= {name: sums.get(name, 0.0) + value for name, value in shown.items()}
             totals.append(loss.total(values))
         return torch.stack(totals).sum()
+
+    def _check_finite(self, shown: Mapping[str, Tensor], rollout: GarmentRollout) -> None:
+        """All at once: a GPU is waited for each time that one is asked."""
+        if bool(torch.stack(list(shown.values())).isfinite().all()):
+            return
+        name, value = next((name, value) for name, value in shown.items() if not torch.isfinite(value))
+        raise DrapeError(
+            f"training stopped at step {self.global_step}: loss term {name.removeprefix('loss/')} is {float(value)} "
+            f"for {', '.join(rollout.names)}; the last checkpoint is from before; lower the learning rate or look at "
+            "the data"
+        )
 
     def _update(self, optimizer: torch.optim.Optimizer, *, last: bool) -> None:
         """One update; Lightning is told of the last of an iteration only, so that it counts iterations."""
