@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import importlib.util
 import json
 import subprocess
@@ -116,6 +117,21 @@ def test_the_same_command_again_simulates_nothing(straight: tuple[GarmentFile, s
     assert refused.code != 0
     assert "data.contact.friction: 0.02 there, 0.5 asked for" in refused.err
     assert path.stat().st_mtime_ns == before
+
+
+def test_blender_is_timed_on_its_own_garments(straight: tuple[GarmentFile, str], tmp_path: Path) -> None:
+    """The test sequence, simulated once more with the solver steps that it was made with."""
+    file, _ = straight
+    options = [f"measure.path={file.path}", "measure.frames=2", f"folder={tmp_path}"]
+    done = in_process("benchmark", "measure=blender_time", *options)
+    assert done.code == 0, done.err
+    with open(tmp_path / "blender_time.csv") as rows:
+        (row,) = csv.DictReader(rows)
+    sequence = file.sequence("00002")
+    assert (row["sequence"], row["garment"], row["fabric"]) == ("00002", sequence.kind, sequence.fabric)
+    assert int(row["vertices"]) == sequence.mesh.num_vertices
+    assert int(row["steps_per_frame"]) == sequence.quality["solver_steps"]
+    assert 0.0 < float(row["ms_per_frame"]) < 1e4
 
 
 def test_an_unknown_source_is_a_sentence(tmp_path: Path) -> None:

@@ -190,6 +190,12 @@ def test_a_step_is_measured_beside_its_network(row, tubes, tmp_path):
     assert 0 < operations["networks"] < operations["forward"] + operations["backward"]
 
 
+def test_blender_is_timed_on_what_it_made_only(tubes, tmp_path):
+    done = in_process("benchmark", "measure=blender_time", f"measure.path={tubes}", f"folder={tmp_path}")
+    assert done.code == 2
+    assert "found no garments that Blender has simulated; expected those of src/generate.py data=garments" in done.err
+
+
 def test_a_step_on_a_gpu_needs_one(tubes, tmp_path):
     done = in_process("benchmark", "model=mgn", "trainer=gpu", f"data.path={tubes}", f"folder={tmp_path}")
     assert done.code == 2

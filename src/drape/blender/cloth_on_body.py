@@ -33,6 +33,8 @@ class ClothOnBody:
         self._folder = tempfile.TemporaryDirectory()
         log = Path(self._folder.name) / "blender.log"
         self._process = BlenderProcess("drape.blender.cloth_on_body_worker", [], log)
+        self.seconds: list[float] = []
+        """Time that Blender took for each frame of the last scene but frame 0."""
 
     def __call__(self, scene: Scene) -> Float[np.ndarray, "frames vertices 3"]:
         """Positions [m] of the cloth in frames 0 to ``scene.frames``.
@@ -43,13 +45,17 @@ class ClothOnBody:
         check_comparable(scene)
         arguments, positions = (Path(self._folder.name) / name for name in ("scene.npz", "positions.npy"))
         obstacle = cast(Obstacle, scene.obstacle)  # others were refused
-        body = np.stack([obstacle.at(frame) for frame in range(scene.frames + 1)])
+        frames = range(scene.frames + 1)
+        pinned = np.zeros(0, np.int64) if scene.pins is None else scene.pins.vertices
+        led = [np.zeros((0, 3)) if scene.pins is None else scene.pins.at(frame) for frame in frames]
         np.savez(
             arguments,
             rest_positions=scene.mesh.rest_positions,
             faces=scene.mesh.faces,
+            pinned=pinned,
+            pin_positions=np.stack(led),
             body_faces=obstacle.faces,
-            body_positions=body,
+            body_positions=np.stack([obstacle.at(frame) for frame in frames]),
             start=scene.initial.x,
             settings=json.dumps(self._settings | {"mass": float(scene.mass[0])}),
             contact=json.dumps(self._contact | {"friction": float(scene.friction or 0.0)}),
@@ -57,7 +63,7 @@ class ClothOnBody:
             fps=1.0 / scene.dt,
         )
         self._process.send([str(arguments), str(positions)])
-        self._process.receive("Blender's cloth")
+        self.seconds = self._process.receive("Blender's cloth")
         return np.load(positions).astype(np.float64)
 
     def close(self) -> None:
@@ -76,7 +82,6 @@ def check_comparable(scene: Scene) -> None:
     refuse_incomparable(
         scene,
         ("no body", scene.obstacle is None),
-        ("pins", scene.pins is not None),
-        "a cloth of equal masses without pins that starts at rest on a body, to compare it with Blender's; change the "
+        expected="a cloth of equal masses that starts at rest on a body, to compare it with Blender's; change the "
         "scene",
     )

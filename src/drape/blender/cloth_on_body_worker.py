@@ -1,12 +1,14 @@
 """A process that simulates cloth on bodies: ``python -m drape.blender.cloth_on_body_worker``.
 
-A request is the path of a file with the arguments of ``garment_cloth.simulate_garment`` (npz, ``settings`` and
-``contact`` as JSON), and the path where the positions go (npy); the answer is empty. bpy and numpy only; no torch.
+A request is the path of a file with the arguments of ``garment_cloth.simulated_frames`` (npz, ``settings`` and
+``contact`` as JSON), and the path where the positions go (npy); the answer is the time that Blender took for each frame
+after the first [s]. bpy and numpy only; no torch.
 """
 
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -16,17 +18,21 @@ from drape.blender.process import serve
 
 
 def main() -> None:
-    def start() -> Callable[[list[str]], None]:
-        from drape.blender.garment_cloth import simulate_garment
+    def start() -> Callable[[list[str]], list[float]]:
+        from drape.blender.garment_cloth import simulated_frames
 
-        def handle(paths: list[str]) -> None:
+        def handle(paths: list[str]) -> list[float]:
             with np.load(paths[0]) as file:
                 stored = {name: file[name] for name in file.files}
             settings, contact = (json.loads(str(stored[name])) for name in ("settings", "contact"))
             dressed = _dressed(stored)
             fps = float(stored["fps"])
-            x = simulate_garment(dressed, stored["start"], settings, contact, stored["gravity"], fps)
-            np.save(paths[1], x)
+            frames, marks = [], []
+            for x in simulated_frames(dressed, stored["start"], settings, contact, stored["gravity"], fps):
+                frames.append(x)
+                marks.append(time.perf_counter())
+            np.save(paths[1], np.stack(frames))
+            return np.diff(marks).tolist()
 
         return handle
 
@@ -34,14 +40,13 @@ def main() -> None:
 
 
 def _dressed(stored: dict[str, np.ndarray]) -> DressedBody:
-    body = stored["body_positions"]
     return DressedBody(
         rest_positions=stored["rest_positions"],
         faces=stored["faces"],
-        pinned=np.zeros(0, np.int64),
-        pin_positions=np.zeros((len(body), 0, 3)),
+        pinned=stored["pinned"],
+        pin_positions=stored["pin_positions"],
         body_faces=stored["body_faces"],
-        body_positions=body,
+        body_positions=stored["body_positions"],
     )
 
 

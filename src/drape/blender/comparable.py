@@ -8,18 +8,17 @@ from drape.errors import DrapeError
 from drape.scene.scene import Scene
 
 
-def refuse_incomparable(scene: Scene, body: tuple[str, bool], pins: tuple[str, bool], expected: str) -> None:
+def refuse_incomparable(scene: Scene, *further: tuple[str, bool], expected: str) -> None:
     """Refuse a scene with what Blender's cloth would not do the same.
 
-    ``body``, ``pins``: what of them is refused, and whether the scene has it; ``expected`` ends the sentence.
+    ``further``: what else is refused, and whether the scene has it; ``expected`` ends the sentence.
 
     Raises:
         DrapeError: what is in it.
     """
     reasons = [
-        body,
+        *further,
         ("an external force", scene.external_force is not None),
-        pins,
         ("vertices of different masses", float(np.ptp(scene.mass)) > 1e-9 * float(scene.mass.max())),
         ("a start in motion", bool(np.any(scene.initial.v))),
     ]

@@ -7,7 +7,7 @@ A sheet has none of them, and is pushed by another acceleration in every frame; 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import bpy
@@ -37,19 +37,29 @@ def simulate_garment(
     ``dressed.rest_positions``, whatever the start. The garment touches body and itself as ``contact`` says (conf/data/
     garments.yaml). ``settings``: a fabric's, with the solver steps per frame as ``quality``.
     """
+    return np.stack(list(simulated_frames(dressed, start, settings, contact, gravity, fps)))
+
+
+def simulated_frames(
+    dressed: DressedBody,
+    start: Float[np.ndarray, "vertices 3"],
+    settings: Mapping[str, float | int | str],
+    contact: Mapping[str, float | int],
+    gravity: Float[np.ndarray, " 3"],
+    fps: float,
+) -> Iterator[Float[np.ndarray, "vertices 3"]]:
+    """The frames of :func:`simulate_garment` one after the other, float32; all have to be asked for."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.use_gravity = True
     scene.gravity = np.asarray(gravity) * CLOCK / fps**2
-    positions = np.empty((dressed.num_frames, *np.shape(start)), np.float32)
     with tempfile.TemporaryDirectory() as folder:
         _body_object(dressed, contact, Path(folder))
         garment = _garment_object(dressed, start, settings, contact, Path(folder))
         for frame in range(dressed.num_frames):
             scene.frame_set(FIRST + frame)
-            positions[frame] = read_positions(garment)
+            yield read_positions(garment).astype(np.float32, copy=False)
         bpy.ops.wm.read_factory_settings(use_empty=True)  # before the caches that it reads are removed
-    return positions
 
 
 def _body_object(dressed: DressedBody, contact: Mapping, folder: Path) -> bpy.types.Object:

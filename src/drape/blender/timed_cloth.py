@@ -70,6 +70,6 @@ def check_comparable(scene: Scene) -> None:
         scene,
         ("a body", scene.obstacle is not None),
         ("pins that move", scene.pins is not None and not scene.pins.is_static),
-        "a cloth of equal masses that starts at rest and hangs under gravity, to compare it with Blender's; use "
-        "scene=hanging with scene.mass.per_vertex",
+        expected="a cloth of equal masses that starts at rest and hangs under gravity, to compare it with Blender's; "
+        "use scene=hanging with scene.mass.per_vertex",
     )
