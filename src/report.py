@@ -11,7 +11,7 @@ from drape import config as conf
 from drape.metrics.record import EvaluationRecord
 from drape.report.document import garment_document
 from drape.report.garment_rows import by_data, garment_rows
-from drape.report.garment_sizes import Size, draw_sizes, size_tables, sizes
+from drape.report.garment_sizes import Size, blender_costs, draw_sizes, size_tables, sizes
 from drape.report.garment_tables import garment_tables
 from drape.report.garment_trade import draw_garment_trade, write_garment_trade
 from drape.report.names import data_name
@@ -25,7 +25,7 @@ def main(config: DictConfig) -> None:
     console, folder, page = Console(), Path(config.folder), conf.instantiate(config.page)
     folder.mkdir(parents=True, exist_ok=True)
     evaluations = find_evaluations(config.runs)
-    found = sizes(evaluations)
+    found = sizes(evaluations, blender_costs(config.runs))
     laws: list[Table] = []
     maps: list[Path] = []
     if evaluations:

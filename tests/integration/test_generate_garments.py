@@ -122,7 +122,7 @@ def test_the_same_command_again_simulates_nothing(straight: tuple[GarmentFile, s
 def test_blender_is_timed_on_its_own_garments(straight: tuple[GarmentFile, str], tmp_path: Path) -> None:
     """The test sequence, simulated once more with the solver steps that it was made with."""
     file, _ = straight
-    options = [f"measure.path={file.path}", "measure.frames=2", f"folder={tmp_path}"]
+    options = [f"measure.paths=[{file.path}]", "measure.frames=2", f"folder={tmp_path}"]
     done = in_process("benchmark", "measure=blender_time", *options)
     assert done.code == 0, done.err
     with open(tmp_path / "blender_time.csv") as rows:

@@ -191,7 +191,7 @@ def test_a_step_is_measured_beside_its_network(row, tubes, tmp_path):
 
 
 def test_blender_is_timed_on_what_it_made_only(tubes, tmp_path):
-    done = in_process("benchmark", "measure=blender_time", f"measure.path={tubes}", f"folder={tmp_path}")
+    done = in_process("benchmark", "measure=blender_time", f"measure.paths=[{tubes}]", f"folder={tmp_path}")
     assert done.code == 2
     assert "found no garments that Blender has simulated; expected those of src/generate.py data=garments" in done.err
 

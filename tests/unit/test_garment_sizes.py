@@ -8,7 +8,16 @@ from pathlib import Path
 import pytest
 
 from drape.metrics.record import EvaluationRecord
-from drape.report.garment_sizes import MARKERS, draw_sizes, exponent, recommended, size_tables, sizes
+from drape.report.garment_sizes import (
+    BLENDER,
+    MARKERS,
+    blender_costs,
+    draw_sizes,
+    exponent,
+    recommended,
+    size_tables,
+    sizes,
+)
 
 SOLVER = {"simulator": {"_target_": "drape.simulators.solver.implicit.ImplicitSolver"}, "energy": {"_target_": "x"}}
 ROWS = {
@@ -72,6 +81,24 @@ def test_the_table_has_both_numbers_of_each_size_and_the_exponent(tmp_path):
     assert table.rows[1][3] == "1.50"
     assert table.rows[1][1].endswith(" / 9")
     assert "For real time (30 frames per second): skinned (500 vertices); skinned (2000 vertices)." in table.note
+
+
+def test_blender_stands_at_the_noise_floor_and_is_never_recommended(tmp_path, capsys):
+    """In the sizes that it was timed in; a broken table is named and left out."""
+    times = tmp_path / "benchmark" / "blender_time.csv"
+    times.parent.mkdir()
+    rows = [(f"{size}.h5", share * size, 2.0 * share * size) for size in (500, 2000) for share in (0.8, 1.2)]
+    with times.open("w", newline="") as file:
+        csv.writer(file).writerows([("file", "vertices", "ms_per_frame"), *rows])
+    (tmp_path / "blender_time.csv").write_text("file,vertices\na.h5,many\n")
+    found = sizes(evaluations(tmp_path, vertices=(500, 2000, 8000)), blender_costs(tmp_path))
+    assert f"left out: {tmp_path / 'blender_time.csv'}: damaged" in capsys.readouterr().err
+    assert [size.points.get(BLENDER) for size in found] == [(1000.0, 3.0), (4000.0, 3.0), None]
+    assert exponent(BLENDER, found) == pytest.approx(1.0)
+    assert BLENDER not in recommended(found[0]).values()
+    (table,) = size_tables(found)
+    assert table.rows[-1] == (BLENDER, "1000 / 3", "4000 / 3", "", "1.00")
+    assert BLENDER in draw_sizes(found, tmp_path / "sizes.svg").read_text()
 
 
 def test_the_figure_has_a_marker_for_each_of_any_number_of_sizes(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,18 +29,21 @@ class BlenderTime:
     simulator=twin``.
 
     Args:
-        path: of the garments.
-        sequences: of the test split, the first so many.
-        frames: of each.
+        paths: of the garments.
+        sequences: of the test split of each, the first so many.
+        frames: of each sequence.
 
     Raises:
-        DrapeError: no sequence or no frame.
+        DrapeError: no file, no sequence or no frame.
     """
 
-    def __init__(self, path: str, sequences: int, frames: int):
-        if sequences < 1 or frames < 1:
-            raise DrapeError(f"measure: found {sequences} sequences and {frames} frames; expected one or more of each")
-        self.path, self.sequences, self.frames = path, sequences, frames
+    def __init__(self, paths: Sequence[str], sequences: int, frames: int):
+        if not paths or sequences < 1 or frames < 1:
+            raise DrapeError(
+                f"measure: found {len(paths)} paths, {sequences} sequences and {frames} frames; expected one or more "
+                "of each"
+            )
+        self.paths, self.sequences, self.frames = list(paths), sequences, frames
 
     def measure(self, config: DictConfig) -> Measured:
         """One row for each sequence.
@@ -48,19 +51,15 @@ class BlenderTime:
         Raises:
             DrapeError: Blender is missing, or data that it did not make.
         """
-        circumstances, file = Circumstances(), GarmentFile(self.path)
-        made = yaml.safe_load(file.attribute("config")) or {}
-        contact = made.get("data", {}).get("contact")
-        if contact is None or not str(file.source).startswith("blender"):
-            raise DrapeError(
-                f"{self.path}: found no garments that Blender has simulated; expected those of src/generate.py "
-                "data=garments"
-            )
-        chosen = file.split("test")[: self.sequences]
+        circumstances, files = Circumstances(), [GarmentFile(path) for path in self.paths]
+        chosen = [(sequence, _contact(file)) for file in files for sequence in self._chosen(file)]
         bar = tqdm(chosen, desc="simulating", unit=" sequences", file=sys.stderr)
-        rows = [self._row(file.sequence(name), contact) for name in bar]
+        rows = [self._row(sequence, contact) for sequence, contact in bar]
         title = f"Blender's cloth, {self.frames} frames of each of {len(rows)} sequences: median time per frame"
         return Measured("blender_time", title, rows, circumstances.text())
+
+    def _chosen(self, file: GarmentFile) -> list[GarmentSequence]:
+        return [file.sequence(name) for name in file.split("test")[: self.sequences]]
 
     def _row(self, sequence: GarmentSequence, contact: Mapping[str, float]) -> Row:
         file, scene = sequence.file, recorded_scene(sequence, self.frames)
@@ -73,6 +72,7 @@ class BlenderTime:
         finally:
             blender.close()
         return {
+            "file": str(file.path),
             "sequence": sequence.name,
             "garment": sequence.kind,
             "fabric": sequence.fabric,
@@ -80,3 +80,15 @@ class BlenderTime:
             "steps_per_frame": steps,
             "ms_per_frame": 1e3 * statistics.median(blender.seconds),
         }
+
+
+def _contact(file: GarmentFile) -> dict[str, float]:
+    """Settings of Blender's contact that the garments were made with."""
+    made = yaml.safe_load(file.attribute("config")) or {}
+    contact = made.get("data", {}).get("contact")
+    if contact is None or not str(file.source).startswith("blender"):
+        raise DrapeError(
+            f"{file.path}: found no garments that Blender has simulated; expected those of src/generate.py "
+            "data=garments"
+        )
+    return contact

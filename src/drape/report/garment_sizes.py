@@ -16,10 +16,14 @@ from matplotlib.lines import Line2D
 from drape.metrics.record import EvaluationRecord
 from drape.report.figure_theme import INK, save_figure, themed, written_out
 from drape.report.garment_rows import FAMILIES, NETWORKS, WITHOUT, GarmentRow, by_data, garment_rows, noise_floor, place
+from drape.report.runs import readable
 from drape.report.table import Table
 
 SEQUENCES = "sequences.csv"
-COLOURS = dict(zip(FAMILIES, ("#7d8793", "#d9822b", "#2f6fd0", "#3f9c5a"), strict=True))
+TIMED = "blender_time.csv"
+BLENDER = "Blender's own cloth"
+"""Label and family of what the recordings are made by. Its error is the noise floor: that of recording once more."""
+COLOURS = dict(zip((*FAMILIES, BLENDER), ("#7d8793", "#d9822b", "#2f6fd0", "#3f9c5a", "#a34fb5"), strict=True))
 """By family."""
 MARKERS = list(dict.fromkeys((*"os^Dv", *Line2D.filled_markers)))
 """One for each size, the coarsest first, and again from the first."""
@@ -34,6 +38,10 @@ REAL_TIME = 1e3 / 30
 """Time per frame at 30 frames per second [ms]."""
 
 
+Cost = tuple[float, float]
+"""Vertices and time per frame [ms] of a sequence."""
+
+
 @dataclass(frozen=True)
 class Size:
     """Evaluations on one resolution of the garments."""
@@ -43,33 +51,61 @@ class Size:
     rows: Mapping[str, GarmentRow]
     """By label, without the noise floor."""
     points: Mapping[str, tuple[float, float]]
-    """Time per frame [ms] and error [mm] of each."""
+    """Time per frame [ms] and error [mm] of each, and of Blender where it was timed."""
+    costs: Mapping[str, Sequence[Cost]]
+    """Of the same."""
     floor: float | None
     """Mean error of the noise floor [mm]."""
 
+    def family(self, label: str) -> str:
+        """Of a row, or Blender."""
+        return self.rows[label].family if label in self.rows else BLENDER
 
-def sizes(evaluations: Sequence[EvaluationRecord]) -> list[Size]:
+
+def sizes(
+    evaluations: Sequence[EvaluationRecord], blender: Mapping[str, Sequence[Cost]] | None = None
+) -> list[Size]:
     """Evaluations of as many sequences on several data sets, the coarsest first; none where there is one data set.
 
-    Of several such lots that with the most data sets.
+    Of several such lots that with the most data sets. ``blender``: see :func:`blender_costs`.
     """
     lots: dict[int, list[Size]] = {}
     for group in by_data(evaluations):
         vertices = [number for record in group for number, _ in _costs(record)]
         if vertices:
-            rows = garment_rows(group)
+            rows, timed = garment_rows(group), (blender or {}).get(str(group[0].data["path"]))
             points = {row.label: point for row in rows if not row.is_twin and (point := _point(row)) is not None}
             known = {row.label: row for row in rows if row.label in points}
+            costs = {label: _costs(row.records[0]) for label, row in known.items()}
+            floor = noise_floor(rows)
+            if timed and floor is not None:
+                points[BLENDER], costs[BLENDER] = (float(np.mean([ms for _, ms in timed])), floor), list(timed)
             lot = lots.setdefault(len(group[0].data["sequences"]), [])
-            lot.append(Size(float(np.mean(vertices)), known, points, noise_floor(rows)))
+            lot.append(Size(float(np.mean(vertices)), known, points, costs, floor))
     most = max(lots.values(), key=len, default=[])
     return sorted(most, key=lambda size: size.vertices) if len(most) > 1 else []
 
 
+def blender_costs(folder: Path | str) -> dict[str, list[Cost]]:
+    """File of garments -> costs of Blender's own cloth, from all tables of ``measure=blender_time`` below a folder."""
+    found: dict[str, list[Cost]] = {}
+    for costs in readable(_timed, sorted(Path(folder).rglob(TIMED))):
+        found |= costs
+    return found
+
+
+def _timed(path: Path) -> dict[str, list[Cost]]:
+    found: dict[str, list[Cost]] = {}
+    with path.open(newline="", encoding="utf-8") as lines:
+        for row in csv.DictReader(lines):
+            found.setdefault(row["file"], []).append((float(row["vertices"]), float(row["ms_per_frame"])))
+    return found
+
+
 def exponent(label: str, found: Sequence[Size]) -> float | None:
     """P of ``time ~ vertices^p``, by least squares over the sequences of all sizes; None for a row of one size."""
-    pairs = [pair for size in found if label in size.rows for pair in _costs(size.rows[label].records[0])]
-    if sum(label in size.rows for size in found) < 2:
+    pairs = [pair for size in found for pair in size.costs.get(label, ())]
+    if sum(label in size.costs for size in found) < 2:
         return None
     vertices, times = np.log(np.array(pairs)).T
     return float(np.polyfit(vertices, times, 1)[0])
@@ -77,7 +113,7 @@ def exponent(label: str, found: Sequence[Size]) -> float | None:
 
 def recommended(size: Size) -> dict[str, str]:
     """Label of the row with the least error in real time, of the fastest within 1.5 times the least, of the least."""
-    points = size.points
+    points = {label: point for label, point in size.points.items() if label != BLENDER}
     least = min(points, key=lambda label: points[label][1])
     near = [label for label in points if points[label][1] <= 1.5 * points[least][1]]
     found = {"preview": min(near, key=lambda label: points[label][0]), "final": least}
@@ -93,9 +129,10 @@ def size_tables(found: Sequence[Size]) -> list[Table]:
     if not found:
         return []
     named = {label: row for size in reversed(found) for label, row in size.rows.items()}
+    labels = sorted(named, key=lambda label: place(named[label]))
     rows = []
-    for label in sorted(named, key=lambda label: place(named[label])):
-        cells = ["{:.3g} / {:.3g}".format(*size.points[label]) if label in size.points else "" for size in found]
+    for label in (*labels, *([BLENDER] if any(BLENDER in size.points for size in found) else [])):
+        cells = [" / ".join(map(_short, size.points.get(label, ()))) for size in found]
         power = exponent(label, found)
         rows.append((label, *cells, "" if power is None else f"{power:.2f}"))
     notes = []
@@ -135,22 +172,26 @@ def draw_sizes(found: Sequence[Size], path: Path, *, dark: bool = False) -> Path
             written_out(ticks, (1, 3))
         for marker, size in marked:
             axis.plot([], [], marker, color=INK[dark], label=f"{size.vertices:.0f} vertices", linestyle="none")
-        for name in dict.fromkeys(row.family for size in found for row in size.rows.values()):
+        for name in dict.fromkeys(size.family(label) for size in found for label in size.points):
             axis.plot([], [], color=COLOURS[name], label=name, linewidth=2)
         figure.legend(loc="outside lower center", ncols=4, fontsize=8)
         return save_figure(figure, path)
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
 def _draw_size(axis: Axes, size: Size, marker: str, ink: str) -> None:
     """The rows of a size; those of a solver joined in the order of their time, and the frontier."""
     points = size.points
     for name, colour in COLOURS.items():
-        own = sorted(points[label] for label, row in size.rows.items() if row.family == name)
+        own = sorted(points[label] for label in points if size.family(label) == name)
         if own:
             joined = "-" if name not in (WITHOUT, NETWORKS) else "none"
             axis.plot(*zip(*own, strict=True), marker, color=colour, linestyle=joined, linewidth=1, markersize=6)
     best, frontier = float("inf"), []
-    for time, error in sorted(points.values()):
+    for time, error in sorted(point for label, point in points.items() if label != BLENDER):
         if error < best:
             frontier.append((time, error))
             best = error
@@ -161,7 +202,7 @@ def _name_rows(axis: Axes, size: Size) -> None:
     """Each row, right of its point of this size, a line lower where the one above is near; a solver by its budget."""
     above = 0.0, float("inf")
     for label, (time, error) in sorted(size.points.items(), key=lambda item: -item[1][1]):
-        name = size.rows[label].family
+        name = size.family(label)
         text = label.partition(", ")[2] or label if name not in (WITHOUT, NETWORKS) else label
         touches = time < 2 * above[0] and error > NEAR * above[1]
         offset, colour = (7, -8 if touches else 3), COLOURS[name]
@@ -175,8 +216,8 @@ def _point(row: GarmentRow) -> tuple[float, float] | None:
     return None if time is None or error is None else (time.mean, error.mean)
 
 
-def _costs(record: EvaluationRecord) -> list[tuple[float, float]]:
-    """Vertices and time per frame [ms] of each sequence; none where the evaluation has left no list."""
+def _costs(record: EvaluationRecord) -> list[Cost]:
+    """Of each sequence; none where the evaluation has left no list."""
     path = record.folder / SEQUENCES
     if not path.is_file():
         return []

@@ -14,7 +14,7 @@ from drape.metrics.record import FILE, EvaluationRecord, RunRecord, read_json
 from drape.report.labels import seed_of, training_key
 from drape.stored import reading
 
-Record = TypeVar("Record", RunRecord, EvaluationRecord)
+Read = TypeVar("Read")
 
 
 def find_runs(folder: Path | str) -> list[RunRecord]:
@@ -27,7 +27,7 @@ def find_runs(folder: Path | str) -> list[RunRecord]:
     """
     folder = Path(folder)
     paths = [path for path in _newest_last(folder) if not _is_evaluation(path)]
-    runs = list(_readable(RunRecord.load, paths))
+    runs = list(readable(lambda path: RunRecord.load(path.parent), paths))
     if not runs:
         raise DrapeError(f"{folder}: no finished run below it (no {FILE}); make one with: python src/train.py")
     newest = {(*_identity(run), run.seed): run for run in runs}
@@ -45,7 +45,7 @@ def find_evaluations(folder: Path | str) -> list[EvaluationRecord]:
     A record that cannot be read is named on stderr and left out.
     """
     paths = [path for path in _newest_last(Path(folder)) if _is_evaluation(path)]
-    found = list(_readable(EvaluationRecord.load, paths))
+    found = list(readable(lambda path: EvaluationRecord.load(path.parent), paths))
     newest = {(record.method["name"], seed_of(record), _trained(record), repr(record.data)): record for record in found}
     return sorted(newest.values(), key=lambda record: str(record.folder))
 
@@ -71,16 +71,16 @@ def _format(path: Path) -> object:
         return None
 
 
-def _readable(load: Callable[[Path], Record], paths: Iterable[Path]) -> Iterator[Record]:
-    """The records that can be read; the others are told, and stop nobody."""
+def readable(load: Callable[[Path], Read], paths: Iterable[Path]) -> Iterator[Read]:
+    """Results of ``load`` for each file; those that cannot be read are told, and stop nobody."""
     for path in paths:
         try:
             with reading(path, "run it again"):
-                record = load(path.parent)
+                found = load(path)
         except DrapeError as error:
             print(f"left out: {error}", file=sys.stderr)
         else:
-            yield record
+            yield found
 
 
 def _identity(run: RunRecord) -> tuple:
