@@ -9,6 +9,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -23,21 +24,9 @@ FIRST = 1
 """Blender's cloth is right only if its frames are visited from this one on and none is left out."""
 
 
-def simulate_garment(
-    dressed: DressedBody,
-    start: Float[np.ndarray, "vertices 3"],
-    settings: Mapping[str, float | int | str],
-    contact: Mapping[str, float | int],
-    gravity: Float[np.ndarray, " 3"],
-    fps: float,
-) -> Float[np.ndarray, "frames vertices 3"]:
-    """Positions [m] of the garment at ``start`` (velocity 0) and in all later frames of the body, 1/``fps`` s apart.
-
-    ``gravity`` [m/s²] is really applied: the scene's is ``gravity * 1000 / fps²`` (see cloth). The rest shape is
-    ``dressed.rest_positions``, whatever the start. The garment touches body and itself as ``contact`` says (conf/data/
-    garments.yaml). ``settings``: a fabric's, with the solver steps per frame as ``quality``.
-    """
-    return np.stack(list(simulated_frames(dressed, start, settings, contact, gravity, fps)))
+def simulate_garment(*arguments: Any) -> Float[np.ndarray, "frames vertices 3"]:
+    """All frames of :func:`simulated_frames` [m]."""
+    return np.stack(list(simulated_frames(*arguments)))
 
 
 def simulated_frames(
@@ -48,7 +37,13 @@ def simulated_frames(
     gravity: Float[np.ndarray, " 3"],
     fps: float,
 ) -> Iterator[Float[np.ndarray, "vertices 3"]]:
-    """The frames of :func:`simulate_garment` one after the other, float32; all have to be asked for."""
+    """Positions [m] of the garment at ``start`` (velocity 0), then in each later frame of the body, 1/``fps`` s apart.
+
+    ``gravity`` [m/s²] is really applied: the scene's is ``gravity * 1000 / fps²`` (see cloth). The rest shape is
+    ``dressed.rest_positions``, whatever the start. The garment touches body and itself as ``contact`` says (conf/data/
+    garments.yaml). ``settings``: a fabric's, with the solver steps per frame as ``quality``. All frames have to be
+    asked for.
+    """
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.use_gravity = True
