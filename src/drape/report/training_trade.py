@@ -85,5 +85,6 @@ def _draw_baselines(row: Sequence[Axes], runs: Sequence[RunRecord], fabric: str)
         for axis in row:
             if values:
                 axis.axhline(sum(values) / len(values), color="black", linestyle=style, linewidth=0.8, label=name)
-    if row[1].get_legend_handles_labels()[0]:
-        row[1].legend(fontsize=7)
+    lines = [line for line in row[1].get_lines() if line.get_label() in BASELINES.values()]
+    if lines:
+        row[1].legend(handles=lines, fontsize=7)
