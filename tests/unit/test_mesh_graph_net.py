@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from drape.errors import DrapeError
+from drape.nets import mesh_graph_net
 from drape.nets.mesh_graph_net import EdgeSet, MeshGraphNet, flat_schedule, hood_schedule
 
 SIZES = {"mesh": 5, "body": 4}
@@ -95,6 +96,16 @@ def test_published_size():
     net = MeshGraphNet(22, {"mesh": 11, "body": 8}, 3, width=128, schedule=flat_schedule(15))
     assert sum(p.numel() for p in net.parameters()) == pytest.approx(3.85e6, rel=2e-3)
     assert len(hood_schedule()) == 15
+
+
+def test_messages_in_blocks_are_those_of_all_at_once(monkeypatch):
+    """Without a graph, as in an animation: 24 and 7 edges in blocks of 5."""
+    net = make_net(flat_schedule(2))
+    nodes, edges = make_graph()
+    whole = net(nodes, edges).detach()
+    monkeypatch.setattr(mesh_graph_net, "BLOCK", 5)
+    with torch.no_grad():
+        torch.testing.assert_close(net(nodes, edges), whole)
 
 
 def test_nothing_depends_on_the_order_of_nodes_and_edges():

@@ -6,11 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import linear
 
 from drape.errors import DrapeError
+
+BLOCK = 8192
+"""Edges whose messages are made at once on a CPU where no graph is kept: few enough for its cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,13 +175,25 @@ class _Message(nn.Module):
 
     def forward(self, nodes: Tensor, edges: EdgeSet) -> Float[Tensor, "edges width"]:
         of_receiver, of_sender, of_edge = self.first.weight.split(nodes.shape[1], dim=1)
-        hidden = linear(edges.features, of_edge, self.first.bias)
-        for ends, weight in ((edges.receivers, of_receiver), (edges.senders, of_sender)):
-            if len(edges) > len(nodes):
-                hidden += linear(nodes, weight).index_select(0, ends)
-            else:
-                hidden += linear(nodes.index_select(0, ends), weight)
-        return self.others(hidden)
+        many = len(edges) > len(nodes)
+        ends = [
+            (who, weight, linear(nodes, weight) if many else nodes)
+            for who, weight in ((edges.receivers, of_receiver), (edges.senders, of_sender))
+        ]
+
+        def of(rows: slice) -> Tensor:
+            hidden = linear(edges.features[rows], of_edge, self.first.bias)
+            for who, weight, known in ends:
+                seen = known.index_select(0, who[rows])
+                hidden += seen if many else linear(seen, weight)
+            return self.others(hidden)
+
+        if torch.is_grad_enabled() or nodes.device.type != "cpu" or len(edges) <= BLOCK:
+            return of(slice(None))
+        message = torch.empty_like(edges.features)
+        for first in range(0, len(edges), BLOCK):
+            message[first : first + BLOCK] = of(slice(first, first + BLOCK))
+        return message
 
 
 def _layers(width: int, size_out: int) -> list[nn.Module]:
