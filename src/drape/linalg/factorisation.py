@@ -171,7 +171,12 @@ class _Pardiso:
         values = [_pointer(each, ctypes.c_double) for each in (data, right, found)]
         handle, settings = _pointer(solver.pt, solver._pt_type[0]), _pointer(solver.iparm, ctypes.c_int32)
         call = handle, many, which, kind, step, rows, values[0], *places, columns, settings, silent, *values[1:]
-        solver.libmkl.pardiso(*call, ctypes.byref(error))
+        # Two threads gain nothing on small matrices, and wait for each other, spinning, where a core has other work.
+        threads = solver.libmkl.MKL_Set_Num_Threads_Local(int(len(right) < MANY))
+        try:
+            solver.libmkl.pardiso(*call, ctypes.byref(error))
+        finally:
+            solver.libmkl.MKL_Set_Num_Threads_Local(threads)
         if error.value:
             raise PyPardisoError(error.value)
         return found
