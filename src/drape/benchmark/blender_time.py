@@ -86,7 +86,7 @@ def _contact(file: GarmentFile) -> dict[str, float]:
     """Settings of Blender's contact that the garments were made with."""
     made = yaml.safe_load(file.attribute("config")) or {}
     contact = made.get("data", {}).get("contact")
-    if contact is None or not str(file.source).startswith("blender"):
+    if contact is None or not file.made_by_blender:
         raise DrapeError(
             f"{file.path}: found no garments that Blender has simulated; expected those of src/generate.py "
             "data=garments"

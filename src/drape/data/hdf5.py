@@ -90,6 +90,11 @@ class GarmentFile:
         return self.attribute("source")
 
     @property
+    def made_by_blender(self) -> bool:
+        """Whether Blender's cloth made the frames."""
+        return str(self.source).startswith("blender")
+
+    @property
     def fps(self) -> float:
         """Frames per second [1/s]."""
         return self.attribute("fps")

@@ -61,8 +61,7 @@ class GarmentSequence:
     def gravity(self) -> Float[np.ndarray, "3"]:
         """Gravity that acted on the garment [m/s²]: in some of Blender's recordings more than was asked for."""
         steps = self.quality.get("solver_steps")
-        made_by_blender = str(self.file.source).startswith("blender")
-        return self.file.gravity * (gravity_factor(int(steps)) if made_by_blender and steps else 1.0)
+        return self.file.gravity * (gravity_factor(int(steps)) if self.file.made_by_blender and steps else 1.0)
 
     @cached_property
     def num_frames(self) -> int:
