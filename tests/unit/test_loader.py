@@ -73,3 +73,21 @@ def test_processes_share_the_batches():
     assert [shares[0][0], shares[1][0], shares[0][1], shares[1][1]] == whole[:4]
     tested = [np.concatenate(list(loader(seed=None, rank=rank, world_size=2))).tolist() for rank in (0, 1)]
     assert sorted(tested[0] + tested[1]) == list(range(23))
+
+
+def test_groups_stay_together_and_show_all_their_windows():
+    """Members with fewer windows show them again; batches of the groups are mixed, anew in each epoch."""
+    groups = [[np.arange(6), np.arange(6, 10)], [np.arange(10, 15), np.arange(10, 15)]]
+    whole = loader(num_windows=15, batch_size=2, groups=groups)
+    epochs = [list(whole), list(whole)]
+    for batches in epochs:
+        assert len(batches) == len(whole) == 10
+        first, second = ([batch for batch in batches if (batch[0] < 10) == own] for own in (True, False))
+        assert len({one for one, _ in first}) == len(first) == 5, "of six windows five, each once"
+        assert {other for _, other in first} == {6, 7, 8, 9}
+        assert np.bincount(np.concatenate(second)).tolist() == [0] * 10 + [2] * 5
+    assert epochs[0] != epochs[1]
+    assert {batch[0] >= 10 for batch in epochs[0][:5]} == {True, False}, "not group after group"
+    continued = loader(num_windows=15, batch_size=2, groups=groups)
+    continued.load_state_dict({"epoch": 1, "next": 4})
+    assert list(continued) == epochs[1][4:]

@@ -7,6 +7,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import torch
 from omegaconf import DictConfig
@@ -22,6 +23,8 @@ from drape.loss.prediction import Prediction
 from drape.simulators.advance import advance
 from drape.simulators.neural.cloths import Cloth
 from drape.simulators.neural.rollout_step import rollout_step
+from drape.training.captured_step import CapturedSteps
+from drape.training.simulator_task import Task, task_values
 
 WARM_UP = 3
 """Rollouts that are not counted."""
@@ -36,7 +39,8 @@ class SimulatorStep:
     once (``data``: reading it and drawing its cloth; the meshes at rest) is spread over them. ``search`` finds the
     nearest faces of the body. ``networks``: the same layers on the same inputs, ready made, forward and backward;
     steps and networks alternate, so that both see the same machine. Beside them :func:`calls` of a last step. With
-    ``trainer=gpu`` all on the GPU, which is waited for after each part.
+    ``trainer=gpu`` all on the GPU, which is waited for after each part; and ``captured``, a step as it is trained:
+    search, then the network, the losses and their slopes as one graph, and the optimiser.
     """
 
     def __init__(self, repeats: int):
@@ -60,6 +64,8 @@ class SimulatorStep:
             f"rollouts of {step.length} steps; beyond the network {100 * beyond:.0f} % of its forward and backward time"
         )
         counts = step.counts(rollouts)
+        if device == "cuda":
+            cost["captured"], counts["captured"] = step.captured(rollouts, self.repeats), {}
         parts: list[Row] = [{"part": name, "ms": 1e3 * seconds, **counts[name]} for name, seconds in cost.items()]
         return Measured("training_step", title, parts, circumstances.text())
 
@@ -103,6 +109,27 @@ class _Step:
         found["data"] = {name: n // self.length for name, n in calls(lambda: self._drawn(rollouts)).items()}
         names = ("data", *PARTS)
         return found | {"step": {what: sum(found[name][what] for name in names) for what in found["data"]}}
+
+    def captured(self, rollouts: Iterator[GarmentRollout], repeats: int) -> float:
+        """Seconds of a step whose :class:`CapturedStep` is made, the GPU waited for after ``repeats`` of them."""
+        one = _One(self, *self._drawn(rollouts), 0)
+        steps = CapturedSteps[Task](partial(task_values, self.network, self.losses), list(self.network.parameters()))
+        before = one.rollout.x[1]
+
+        def step() -> None:
+            one.search()
+            task = Task(one.step, one.step.near, one.rollout.x[2], before.new_full((), 0.5))
+            graph = steps.of(task)
+            if graph is not None:
+                graph.replay(task)
+            one.optimizer()
+
+        def several() -> None:
+            for _ in range(repeats):
+                step()
+
+        step()
+        return self._seconds(several) / repeats
 
     def _drawn(self, rollouts: Iterator[GarmentRollout]) -> tuple[GarmentRollout, Cloth]:
         rollout = next(rollouts).to(self.device)

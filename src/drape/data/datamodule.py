@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
 import lightning
@@ -162,11 +162,12 @@ class TrajectoryDataModule(lightning.LightningDataModule):
             yield self.windows(self.test_sequences, indices)
 
     def loader(
-        self, sequences: np.ndarray, batch_size: int, *, seed: int | None = None, **share: int
+        self, sequences: np.ndarray, batch_size: int, *, seed: int | None = None, rank: int = 0, world_size: int = 1
     ) -> WindowLoader[Window]:
-        """All windows of ``sequences`` in batches; ``seed`` and ``share`` as in :class:`WindowLoader`."""
+        """All windows of ``sequences`` in batches; the rest as in :class:`WindowLoader`."""
         count = int(self._windows_of[sequences].sum())
-        return WindowLoader(lambda indices: self.windows(sequences, indices), count, batch_size, seed=seed, **share)
+        build = partial(self.windows, sequences)
+        return WindowLoader(build, count, batch_size, seed=seed, rank=rank, world_size=world_size)
 
     def train_dataloader(self) -> WindowLoader:
         return self.loader(self.train_sequences, self.batch_size, seed=self.seed, **share_of(self.trainer))

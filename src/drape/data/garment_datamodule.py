@@ -65,7 +65,7 @@ class GarmentDataModule(lightning.LightningDataModule):
         self.batch_size, self.seed = batch_size, seed
         self.file.check_fabrics(self.fabrics)
         self._sequence = lru_cache(maxsize=None)(self.file.sequence)
-        self._batch = lru_cache(maxsize=256)(self._joined_meshes)
+        self._batch = lru_cache(maxsize=64)(self._joined_meshes)
         self.train_sequences = self._usable("train")
         self._check(self.train_sequences, start)
         test = self._usable("test")
@@ -144,8 +144,18 @@ class GarmentDataModule(lightning.LightningDataModule):
         return MeshBatch.from_meshes([self._sequence(name).mesh for name in names])
 
     def train_dataloader(self) -> WindowLoader:
-        share = share_of(self.trainer)
-        return WindowLoader(self.rollout, int(self._first[-1]), self.batch_size, seed=self.seed, **share)
+        share, count = share_of(self.trainer), int(self._first[-1])
+        return WindowLoader(self.rollout, count, self.batch_size, seed=self.seed, groups=self._groups(), **share)
+
+    def _groups(self) -> list[list[np.ndarray]]:
+        """The sequences of each batch, for a whole training: what their meshes have computed is computed once.
+
+        Drawn by the seed; where sequences are left over, their group is filled with others.
+        """
+        count = len(self.train_sequences)
+        order = np.random.default_rng(self.seed).permutation(count)
+        groups = np.resize(order, (-(-count // self.batch_size), self.batch_size))
+        return [[np.arange(*self._first[which : which + 2]) for which in group] for group in groups]
 
     def val_dataloader(self) -> SequenceLoader:
         """Whole sequences, to animate."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from drape.energy.term import EnergyTerm
 from drape.energy.terms.bending import Bending
+from drape.energy.terms.per_mesh import PerMesh
 from drape.energy.terms.stvk import StVK
 
 THICKNESS = 4.7e-4
@@ -81,9 +83,13 @@ class PhysMaterial(NamedTuple):
         numbers = torch.tensor(self, dtype=torch.float64)
         return torch.stack([RANGES[name].position(number) for name, number in zip(self._fields, numbers, strict=True)])
 
-    def terms(self) -> list[EnergyTerm]:
-        """The energies of a cloth of this material."""
-        return [StVK(self.shear_modulus, self.first_lame, THICKNESS), Bending(self.bending_stiffness)]
+    def terms(self, num_meshes: int | None = None) -> list[EnergyTerm]:
+        """The energies of a cloth of this material; with its numbers in arrays, as of so many meshes, if they say."""
+        numbers: Sequence[PerMesh] = self[1:]
+        if num_meshes is not None:
+            numbers = [torch.full((num_meshes,), number, dtype=torch.float64) for number in self[1:]]
+        shear, lame, bending = numbers
+        return [StVK(shear, lame, THICKNESS), Bending(bending)]
 
 
 def material_numbers(positions: Float[Tensor, "... 4"]) -> Float[Tensor, "... 4"]:

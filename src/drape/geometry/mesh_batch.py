@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -19,6 +19,8 @@ from drape.geometry.edge_geometry import EdgeGeometry
 from drape.geometry.mesh import ClothMesh
 from drape.geometry.patches import Patches
 from drape.geometry.rest_shape import RestFaces, RestHinges
+
+Kept = TypeVar("Kept")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +94,11 @@ class MeshBatch:
         return Corners.of(self.edges)
 
     @cached_property
+    def edges_at_vertex(self) -> Int[Tensor, " vertices"]:
+        """Number of the edges of each vertex."""
+        return self.edges.flatten().bincount(minlength=self.num_vertices)
+
+    @cached_property
     def face_corners(self) -> Corners:
         """The corners of the faces, for work component by component."""
         return Corners.of(self.faces)
@@ -103,59 +110,51 @@ class MeshBatch:
 
     def pairs_within(self, hops: int) -> Int[Tensor, "2 pairs"]:
         """All ordered pairs of different vertices at most ``hops`` edges apart; computed once for each ``hops``."""
-        if hops not in self._pairs:
-            ends = self.edges.cpu().numpy()
-            shape = (self.num_vertices, self.num_vertices)
-            step = sparse.coo_array((np.ones(len(ends), bool), (ends[:, 0], ends[:, 1])), shape)
-            step = (step + step.T + sparse.eye_array(self.num_vertices, dtype=bool)).tocsr()
-            reach = step
-            for _ in range(hops - 1):
-                reach = reach @ step
-            first, second = reach.nonzero()
-            pairs = torch.from_numpy(np.stack([first, second])[:, first != second].astype(np.int64))
-            self._pairs[hops] = pairs.to(self.edges.device)
-        return self._pairs[hops]
+        return self.once(("pairs", hops), lambda: self._pairs_within(hops))
 
-    @cached_property
-    def _pairs(self) -> dict[int, Tensor]:
-        return {}
+    def _pairs_within(self, hops: int) -> Int[Tensor, "2 pairs"]:
+        ends = self.edges.cpu().numpy()
+        shape = (self.num_vertices, self.num_vertices)
+        step = sparse.coo_array((np.ones(len(ends), bool), (ends[:, 0], ends[:, 1])), shape)
+        step = (step + step.T + sparse.eye_array(self.num_vertices, dtype=bool)).tocsr()
+        reach = step
+        for _ in range(hops - 1):
+            reach = reach @ step
+        first, second = reach.nonzero()
+        pairs = torch.from_numpy(np.stack([first, second])[:, first != second].astype(np.int64))
+        return pairs.to(self.edges.device)
 
     def patches(self, size: float) -> Patches:
         """Patches of about ``size`` [m] along each side; computed once for each ``size``."""
-        if size not in self._patches:
-            tensors = (self.rest_positions, self.edges, self.mesh_of_vertex)
-            rest, edges, owners = (tensor.cpu().numpy() for tensor in tensors)
-            patches = Patches.of_batch(rest, edges, owners, size)
-            self._patches[size] = patches.to(self.edges.device)
-        return self._patches[size]
+        return self.once(("patches", size), lambda: self._made_patches(size))
 
-    @cached_property
-    def _patches(self) -> dict[float, Patches]:
-        return {}
+    def _made_patches(self, size: float) -> Patches:
+        tensors = (self.rest_positions, self.edges, self.mesh_of_vertex)
+        rest, edges, owners = (tensor.cpu().numpy() for tensor in tensors)
+        return Patches.of_batch(rest, edges, owners, size).to(self.edges.device)
 
     def coarse_levels(self, count: int) -> CoarseLevels:
         """HOOD's first ``count`` coarse levels of the edges; computed once for each ``count``."""
-        if count not in self._coarse_levels:
-            self._coarse_levels[count] = CoarseLevels.of(self.edges, self.num_vertices, count)
-        return self._coarse_levels[count]
-
-    @cached_property
-    def _coarse_levels(self) -> dict[int, CoarseLevels]:
-        return {}
+        return self.once(("coarse", count), lambda: CoarseLevels.of(self.edges, self.num_vertices, count))
 
     def to(self, device: torch.device | str) -> MeshBatch:
         """The same batch on another device; moved once, so that what it has computed there is computed once."""
         device = torch.device(device)
-        if device == self.edges.device:
-            return self
-        if device not in self._elsewhere:
-            tensors = {f.name: getattr(self, f.name) for f in fields(self)}
-            moved: dict[str, Any] = {k: v.to(device) for k, v in tensors.items() if isinstance(v, Tensor)}
-            self._elsewhere[device] = replace(self, **moved)
-        return self._elsewhere[device]
+        return self if device == self.edges.device else self.once(device, lambda: self._moved(device))
+
+    def _moved(self, device: torch.device) -> MeshBatch:
+        tensors = {f.name: getattr(self, f.name) for f in fields(self)}
+        moved: dict[str, Any] = {k: v.to(device) for k, v in tensors.items() if isinstance(v, Tensor)}
+        return replace(self, **moved)
+
+    def once(self, key: Hashable, make: Callable[[], Kept]) -> Kept:
+        """The result of ``make``, made once for this batch and kept as long as it is."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
 
     @cached_property
-    def _elsewhere(self) -> dict[torch.device, MeshBatch]:
+    def _kept(self) -> dict[Hashable, Any]:
         return {}
 
     def sum_edges(self, per_edge: Float[Tensor, "... edges"]) -> Float[Tensor, "... meshes"]:

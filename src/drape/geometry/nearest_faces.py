@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
 from drape.geometry.corners import cross, dot
 from drape.geometry.face_tree import closest_of_tree, frames, halved, sided
+from drape.geometry.fixed_size import is_fixed
 from drape.geometry.mesh_distances import Pairs, closest_faces, gathered
 from drape.geometry.triangles import closest_on_triangles
 
@@ -53,6 +54,8 @@ class NearestFaces:
     """Offset of the point from the closest one along the normal of the face at t [m]."""
     end: Frame
     """The closest point of the body at t + dt."""
+    there: Bool[Tensor, " near"] | None = None
+    """The rows that count; None: all. Where :func:`is_fixed` others are kept."""
 
     @classmethod
     def find(
@@ -99,22 +102,34 @@ class NearestFaces:
         return replace(self, **changed, end=Frame(*(part.to(dtype) for part in self.end)))
 
     def within(self, reach: float, first: int | None = None) -> NearestFaces:
-        """Those at most ``reach`` [m] from the body, or inside it; of the ``first`` so many rows only."""
-        chosen = (self.distance <= reach) & (self.distance >= -max(reach, DEPTH))
+        """Those at most ``reach`` [m] from the body, or inside it; of the ``first`` so many points only."""
+        near = self
+        if first is not None and is_fixed(self.points.device):  # in ascending order: no later row is one of them
+            near = self.chosen(slice(first))
+        counts = (near.distance <= reach) & (near.distance >= -max(reach, DEPTH))
         if first is not None:
-            chosen &= self.points < first
-        return self.chosen(chosen.nonzero()[:, 0])
+            counts &= near.points < first
+        return near.where(counts)
+
+    def where(self, chosen: Bool[Tensor, " near"]) -> NearestFaces:
+        """Some of them: fewer rows, or as many of which some do not count, see :func:`is_fixed`."""
+        if not is_fixed(chosen.device):
+            return self.chosen(chosen.nonzero()[:, 0])
+        return replace(self, there=chosen if self.there is None else chosen & self.there)
 
     def joined(self, other: NearestFaces) -> NearestFaces:
         """Both, the other's after these."""
-        names = [f.name for f in fields(self) if f.name != "end"]
-        parts = {name: torch.cat([getattr(self, name), getattr(other, name)]) for name in names}
+        parts = {name: torch.cat([part, getattr(other, name)]) for name, part in self._rows().items()}
         return NearestFaces(**parts, end=Frame(*(torch.cat(pair) for pair in zip(self.end, other.end, strict=True))))
 
-    def chosen(self, rows: Int[Tensor, " chosen"]) -> NearestFaces:
+    def chosen(self, rows: Int[Tensor, " chosen"] | slice) -> NearestFaces:
         """Some of them."""
-        parts = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "end"}
+        parts = {name: part[rows] for name, part in self._rows().items()}
         return NearestFaces(**parts, end=Frame(*(part[rows] for part in self.end)))
+
+    def _rows(self) -> dict[str, Tensor]:
+        parts = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "end"}
+        return {name: part for name, part in parts.items() if part is not None}
 
 
 _ORDERS: MutableMapping[Tensor, np.ndarray] = WeakIdKeyDictionary()

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from drape.geometry.corners import Corners, cross, dot
 from drape.geometry.edge_geometry import TINY, hinge_change
+from drape.geometry.fixed_size import is_fixed
 
 FADED = 1e-2
 """Share of its area at rest below which a face fades out of the hinges at its edges."""
@@ -120,14 +121,15 @@ class HingeShape:
             angle = hinge_change(self.angle, rest_angle.to(self.angle), without)
             return angle, angle
         size = self.angle.detach().norm(dim=-1, keepdim=True)
-        pair = torch.where(size > 0.0, self.angle, self.angle.new_tensor([1.0, 0.0]))
+        cosine, sine = self.angle.unbind(-1)
+        pair = torch.stack([cosine + (size[..., 0] == 0.0), sine]).mT  # 1 and 0 where there is no angle
         angle = hinge_change(pair / torch.where(size > 0.0, size, 1.0), rest_angle.to(pair), without)
         return self._share(1) * self._share(2) * angle, angle
 
     @cached_property
     def _fades(self) -> bool:
         """Whether any face does; a GPU is not asked."""
-        if self.edge.is_cuda:
+        if is_fixed(self.edge.device):
             return True
         return any(bool((getattr(self, f"double_area{face}") < self._faded(face)).any()) for face in (1, 2))
 

@@ -6,12 +6,12 @@ import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from drape.geometry.fixed_size import is_fixed
 from drape.geometry.mesh_batch import MeshBatch
 
 Weights = tuple[float, ...]
@@ -54,10 +54,7 @@ class SurfacePoints:
 
         Made once for a mesh: who remembers where the pieces of its points go in a matrix, knows them by their tensors.
         """
-        kept = _KEPT.setdefault(mesh, {})
-        if (per_edge, per_face) not in kept:
-            kept[per_edge, per_face] = cls._made(mesh, per_edge, per_face)
-        return kept[per_edge, per_face]
+        return mesh.once(("surface", per_edge, per_face), lambda: cls._made(mesh, per_edge, per_face))
 
     @classmethod
     def _made(cls, mesh: MeshBatch, per_edge: int, per_face: int) -> SurfacePoints:
@@ -108,12 +105,16 @@ class SurfacePoints:
 
 
 class ChosenPoints:
-    """Some of the points of a surface, asked again and again: ``y = W x`` and ``f = Wᵀ f_y`` by sparse matrices."""
+    """Some of the points of a surface, asked again and again: ``y = W x`` and ``f = Wᵀ f_y``.
+
+    By sparse matrices on a CPU; on a device they would take longer to make than they save.
+    """
 
     def __init__(self, surface: SurfacePoints, points: Int[Tensor, " chosen"], num_vertices: int):
         self.surface, self.points = surface, points
         self.vertices, self.weights = surface.vertices[points], surface.weights[points]
         self.first_vertex, self._num_vertices = self.vertices[:, 0], num_vertices
+        self._is_fixed = is_fixed(points.device)
 
     @cached_property
     def _matrices(self) -> tuple[Tensor, Tensor]:
@@ -129,10 +130,15 @@ class ChosenPoints:
 
     def at(self, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "chosen 3"]:
         """Positions of the points for vertices at ``x`` [m]."""
+        if self._is_fixed:
+            return (x[self.vertices] * self.weights.to(x)[..., None]).sum(1)
         return self._matrices[0].to(x.dtype) @ x
 
     def spread(self, force: Float[Tensor, "chosen 3"]) -> Float[Tensor, "vertices 3"]:
         """Forces on points as forces on vertices [N]."""
+        if self._is_fixed:
+            shares = (self.weights.to(force)[..., None] * force[:, None]).flatten(0, 1)
+            return force.new_zeros(self._num_vertices, 3).index_add(0, self.vertices.reshape(-1), shares)
         return self._matrices[1].to(force.dtype) @ force
 
     def mass(self, mass: Float[Tensor, " vertices"]) -> Float[Tensor, " chosen"]:
@@ -146,10 +152,6 @@ IN_FACE: dict[int, list[Weights]] = {
     3: [(2 / 3, 1 / 6, 1 / 6), (1 / 6, 2 / 3, 1 / 6), (1 / 6, 1 / 6, 2 / 3)],
 }
 """Barycentric coordinates of the points in a face, by their number."""
-
-
-_KEPT: WeakKeyDictionary[MeshBatch, dict[tuple[int, int], SurfacePoints]] = WeakKeyDictionary()
-"""As long as the mesh lives, by the numbers of points inside an edge and a face."""
 
 
 def _padded(rows: Tensor, repeat: bool) -> Tensor:

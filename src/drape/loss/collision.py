@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
+from drape.geometry.fixed_size import counted
 from drape.loss.prediction import Prediction, PredictionLoss
 
 
@@ -28,5 +29,5 @@ class Collision(PredictionLoss):
     def forward(self, prediction: Prediction) -> dict[str, Tensor]:
         near = prediction.step.near_vertices(self.reach)
         height = ((prediction.x_next[near.points] - near.end.point) * near.end.normal).sum(-1)
-        depth = (self.thickness - height).clamp(min=0.0) / self.thickness
+        depth = counted((self.thickness - height).clamp(min=0.0) / self.thickness, near.there)
         return {"collision": depth.square().sum() / (depth.detach() > 0).sum().clamp(min=1)}

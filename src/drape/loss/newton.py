@@ -35,6 +35,9 @@ class Newton(Potential):
         weight, contact, ramp, friction: as of :class:`Potential`.
     """
 
+    asks_device = True
+    """The factorisation is made on a CPU."""
+
     def __init__(
         self,
         energies: float,

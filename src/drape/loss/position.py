@@ -19,5 +19,5 @@ class Position(PredictionLoss):
 
     def forward(self, prediction: Prediction) -> dict[str, Tensor]:
         step = prediction.step
-        error = (prediction.x_next - prediction.target)[step.free] / (step.dt**2 * self.scale)
-        return {"position": error.square().sum(-1).mean()}
+        error = (prediction.x_next - prediction.target) / (step.dt**2 * self.scale)
+        return {"position": (error.square().sum(-1) * step.free).sum() / step.free.sum()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -57,7 +58,7 @@ class Potential(PredictionLoss):
     def terms(self, prediction: Prediction) -> list[EnergyTerm]:
         """The summands of the incremental potential at this point of the training."""
         first, begin, end = self.ramp
-        risen = min(max((prediction.progress - begin) / max(end - begin, 1e-9), 0.0), 1.0)
+        risen = ((torch.as_tensor(prediction.progress) - begin) / max(end - begin, 1e-9)).clamp(0.0, 1.0)
         share = first + (1.0 - first) * risen
         contact, pushed = self.contact.stiffened(share), prediction.step.external_force is not None
         return terms_of(prediction.terms, contact, self.friction, gravity=True, external=pushed)

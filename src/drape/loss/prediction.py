@@ -25,8 +25,8 @@ class Prediction:
     """Positions of the data at t + dt [m]."""
     terms: Sequence[EnergyTerm]
     """Energies of the fabric."""
-    progress: float
-    """Of the training, from 0 to 1."""
+    progress: float | Float[Tensor, ""]
+    """Of the training, from 0 to 1; an array where steps are recorded."""
 
 
 class PredictionLoss(nn.Module, ABC):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import linear
 
@@ -26,6 +26,8 @@ class EdgeSet:
     features: Float[Tensor, "edges features"]
     level: Int[Tensor, " edges"] | None = None
     """The deepest level of a hierarchy that the receiver is in; for sets that a schedule names with ``@``."""
+    there: Bool[Tensor, " edges"] | None = None
+    """The edges that count, where their number may not depend on what is in them; None: all."""
 
     def __len__(self) -> int:
         return len(self.senders)
@@ -35,11 +37,11 @@ class EdgeSet:
         parts = (self.senders, self.receivers, self.features)
         return EdgeSet(*(part.index_select(0, rows) for part in parts))
 
-    def from_level(self, level: int) -> Int[Tensor, " rows"]:
-        """Rows of the edges whose receiver is in that level or a deeper one."""
+    def from_level(self, level: int) -> Bool[Tensor, " edges"]:
+        """Whether the receiver of an edge is in that level or a deeper one."""
         if self.level is None:
             raise DrapeError(f"edges: found no levels; expected some, as the schedule names level {level} of this set")
-        return (self.level >= level).nonzero()[:, 0]
+        return self.level >= level
 
 
 class MeshGraphNet(nn.Module):
@@ -108,10 +110,10 @@ class MeshGraphNet(nn.Module):
             for name, edge_set in edges.items()
             if len(edge_set)
         }
-        partial = {part for part in self.parts if part.level and part.name in edges}
-        rows = {part: edges[part.name].from_level(part.level) for part in partial}
+        asked = {part: _chosen(part, edges[part.name]) for part in self.parts if part.name in edges}
+        chosen = {part: rows for part, rows in asked.items() if rows is not None}
         for step in self.steps:
-            nodes, edges = step(nodes, edges, rows)
+            nodes, edges = step(nodes, edges, chosen)
         answers = {n: decode(edges[n].features)[:, 0] for n, decode in self.edge_decoders.items() if n in edges}
         return self.decoder(nodes), answers
 
@@ -132,6 +134,14 @@ class _Part(NamedTuple):
         return cls(name, int(level or 0))
 
 
+def _chosen(part: _Part, edges: EdgeSet) -> Tensor | None:
+    """Rows of the edges that take part, or a mask of them where their number is fixed; None: all."""
+    if not part.level:
+        return edges.there
+    deep = edges.from_level(part.level)
+    return deep.nonzero()[:, 0] if edges.there is None else deep & edges.there
+
+
 class _Step(nn.Module):
     """One round of messages and the updates of edges and nodes that follow from them."""
 
@@ -143,20 +153,23 @@ class _Step(nn.Module):
         self.others = nn.Sequential(*_layers(width, width), nn.LayerNorm(width))
 
     def forward(
-        self, nodes: Tensor, edges: dict[str, EdgeSet], rows: dict[_Part, Tensor]
+        self, nodes: Tensor, edges: dict[str, EdgeSet], chosen: dict[_Part, Tensor]
     ) -> tuple[Tensor, dict[str, EdgeSet]]:
         own, *of_sums = self.first.weight.split(nodes.shape[1], dim=1)
         hidden = linear(nodes, own, self.first.bias)
         for part, of_sum in zip(self.parts, of_sums, strict=True):
             if part.name not in edges:
                 continue
-            edge_set = edges[part.name]
-            active = edge_set.take(rows[part]) if part in rows else edge_set
+            edge_set, some = edges[part.name], chosen.get(part)
+            rows = None if some is None or some.dtype == torch.bool else some
+            active = edge_set if rows is None else edge_set.take(rows)
             message = self.messages[part.name](nodes, active)
+            if some is not None and rows is None:
+                message = message.masked_fill(~some[:, None], 0.0)
             received = nodes.new_zeros(nodes.shape).index_add(0, active.receivers, message)
             hidden += linear(received, of_sum)
             features = edge_set.features
-            features = features.index_add(0, rows[part], message) if part in rows else features + message
+            features = features + message if rows is None else features.index_add(0, rows, message)
             edges = edges | {part.name: replace(edge_set, features=features)}
         return nodes + self.others(hidden), edges
 

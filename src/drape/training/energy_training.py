@@ -23,13 +23,11 @@ from drape.loss.term import LossTerm, loss_values
 from drape.metrics import record
 from drape.metrics.fabric_metric import FabricMetric
 from drape.metrics.family import energy_metrics
-from drape.training.captured_step import CapturedStep
+from drape.training.captured_step import CHECKED_EVERY, CapturedStep
 from drape.training.schedule import Schedule
 
 LAW_WINDOWS = 1024
 """Training windows that the spring-hinge law is fitted on, evenly spaced."""
-CHECKED_EVERY = 10
-"""Steps between two looks at the losses on a GPU, which has to wait for them; checkpoints are written after one."""
 
 
 class EnergyTraining(lightning.LightningModule):

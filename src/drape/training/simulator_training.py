@@ -20,15 +20,16 @@ from drape.data.sequence_loader import Watched
 from drape.energy.law.checkpoint import versions
 from drape.errors import DrapeError
 from drape.loss.potential import Potential
-from drape.loss.prediction import Prediction, PredictionLoss
+from drape.loss.prediction import PredictionLoss
 from drape.metrics.record import SimulatorRecord
 from drape.metrics.rollout_scores import ScoredRollout, rollout_scores
-from drape.simulators.advance import advance
 from drape.simulators.neural.checkpoint import describe_simulator
 from drape.simulators.neural.cloths import Cloths
 from drape.simulators.neural.rollout_step import rollout_step
+from drape.training.captured_step import CHECKED_EVERY, CapturedSteps
 from drape.training.curriculum import Curriculum
 from drape.training.schedule import Schedule
+from drape.training.simulator_task import Task, task_values
 
 UPDATES = ("step", "rollout")
 REACH = 0.1
@@ -100,6 +101,7 @@ class SimulatorTraining(lightning.LightningModule):
         self._make_optimizer, self._schedule, self._curriculum = optimizer, schedule, curriculum
         self._updates, self._noise, self._clip, self._clearance = updates, noise, clip, clearance
         self._seed = seed
+        self._captured = CapturedSteps[Task](self.values, list(network.parameters()))
         self.watched: list[ScoredRollout] = []
 
     @staticmethod
@@ -127,13 +129,18 @@ class SimulatorTraining(lightning.LightningModule):
         sums: dict[str, Tensor] = {}
         for k in range(length):
             step = rollout_step(rollout, k, x, v, cloth, touching)
-            x_next = advance(self.network, step)
-            prediction = Prediction(x_next, step, rollout.x[k + 2], cloth.terms, self.progress)
+            near = step.near if x.is_cuda else None
+            task = Task(step, near, rollout.x[k + 2], x.new_full((), self.progress))
             every = 1 if self._updates == "step" else length
-            self.manual_backward(self._judged(prediction, rollout, sums) / every)
+            values = self._slopes(task, every)
+            sums |= {name: sums.get(name, 0.0) + value for name, value in values.items() if "/" in name}
+            if not x.is_cuda:
+                self._check_finite(values, rollout)
             if (k + 1) % every == 0:
                 self._update(optimizer, last=k + 1 == length)
-            x, v = x_next.detach(), (x_next.detach() - x) / rollout.dt
+            x, v = values["x_next"], (values["x_next"] - x) / rollout.dt
+        if (self.global_step + 1) % CHECKED_EVERY == 0:
+            self._check_finite(sums, rollout)
         logged: dict[str, Tensor | float] = {f"train/{name}": value / length for name, value in sums.items()}
         logged |= {"train/rollout_length": float(length)}
         logged |= {"train/ms_per_step": 1e3 * (time.perf_counter() - began) / length}
@@ -154,20 +161,38 @@ class SimulatorTraining(lightning.LightningModule):
             return rollout.from_rest(), outside, torch.zeros_like(v)
         return rollout, outside, v
 
-    def _judged(self, prediction: Prediction, rollout: GarmentRollout, sums: dict[str, Tensor]) -> Tensor:
-        """The sum of the losses; their summands are added to ``sums``, as they are and as energies."""
-        totals = []
-        for loss in cast(Iterable[PredictionLoss], self.loss.values()):
-            values = loss(prediction)
-            shown = {f"loss/{name}": value.detach() for name, value in values.items()}
-            self._check_finite(shown, rollout)
-            shown |= {f"energy_J/{name}": value for name, value in loss.joules(values, prediction).items()}
-            sums |= {name: sums.get(name, 0.0) + value for name, value in shown.items()}
-            totals.append(loss.total(values))
-        return torch.stack(totals).sum()
+    def values(self, task: Task) -> dict[str, Tensor]:
+        """See :func:`task_values`."""
+        return task_values(self.network, cast(Iterable[PredictionLoss], self.loss.values()), task)
 
-    def _check_finite(self, shown: Mapping[str, Tensor], rollout: GarmentRollout) -> None:
+    def _slopes(self, task: Task, every: int) -> dict[str, Tensor]:
+        """The :meth:`values`; the slopes of an ``every``-th of the total are added to those of the parameters.
+
+        On a GPU as one graph, as far as network and losses can be captured and one process trains.
+        """
+        alone = task.step.x.is_cuda and self.trainer.world_size == 1
+        captured = self._captured.of(task) if alone and self._is_capturable else None
+        if captured is None:
+            values = self.values(task)
+            self.manual_backward(values["total"] / every)
+            return values
+        parameters = [each for each in self.network.parameters() if each.requires_grad]
+        earlier = [each.grad for each in parameters]
+        values = captured.replay(task)
+        if every > 1:
+            for parameter, before in zip(parameters, earlier, strict=True):
+                if parameter.grad is not None:
+                    now = parameter.grad / every
+                    parameter.grad = now if before is None else before + now
+        return values
+
+    @property
+    def _is_capturable(self) -> bool:
+        return not any(getattr(part, "asks_device", False) for part in (*self.network.modules(), *self.loss.values()))
+
+    def _check_finite(self, values: Mapping[str, Tensor], rollout: GarmentRollout) -> None:
         """All at once: a GPU is waited for each time that one is asked."""
+        shown = {name: value for name, value in values.items() if name.startswith("loss/")}
         if bool(torch.stack(list(shown.values())).isfinite().all()):
             return
         name, value = next((name, value) for name, value in shown.items() if not torch.isfinite(value))

@@ -20,6 +20,7 @@ from drape.energy.term import EnergyTerm, Kernel, Stencils, array
 from drape.energy.terms import point_kernel
 from drape.energy.terms.point_stencils import point_stencils
 from drape.errors import DrapeError
+from drape.geometry.fixed_size import counted
 from drape.geometry.mesh_batch import MeshBatch
 from drape.geometry.nearest_faces import NearestFaces
 from drape.geometry.surface_points import ChosenPoints, SurfacePoints
@@ -71,7 +72,8 @@ class Contact(EnergyTerm):
                 f"energy term contact: stiffness {stiffness}, thickness {thickness} m, reach {reach} m; expected "
                 "finite numbers with stiffness > 0 and 0 < thickness <= reach"
             )
-        self.stiffness, self.thickness, self.reach = stiffness, thickness, reach
+        self.stiffness: float | Tensor = stiffness
+        self.thickness, self.reach = thickness, reach
 
     @abstractmethod
     def point_stiffness(self, step: Step, points: ChosenPoints) -> Float[Tensor, " points"]:
@@ -83,7 +85,7 @@ class Contact(EnergyTerm):
         grown.thickness, grown.reach = times * self.thickness, times * self.reach
         return grown
 
-    def stiffened(self, times: float) -> Contact:
+    def stiffened(self, times: float | Tensor) -> Contact:
         """The same contact, so many times as stiff."""
         changed = copy.copy(self)
         changed.stiffness = times * self.stiffness
@@ -119,11 +121,11 @@ class Contact(EnergyTerm):
 
     def _touch(self, step: Step, near: NearestFaces) -> Touch:
         points = step.surface.chosen(near.points, step.mesh.num_vertices)
-        return Touch(near, points, self.point_stiffness(step, points).to(near.distance))
+        return Touch(near, points, counted(self.point_stiffness(step, points).to(near.distance), near.there))
 
     def _pressed(self, step: Step) -> tuple[Touch, Float[Tensor, " pressed"]]:
         near = self.near(step)
-        touch = self._touch(step, near.chosen((near.height < self.thickness).nonzero()[:, 0]))
+        touch = self._touch(step, near.where(near.height < self.thickness))
         return touch, 3.0 * touch.stiffness * (self.thickness - touch.faces.height).square()
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
@@ -181,7 +183,7 @@ class PaperContact(Contact):
         return step.near_vertices(self.reach)
 
     def point_stiffness(self, step: Step, points: ChosenPoints) -> Float[Tensor, " points"]:
-        return torch.full_like(points.first_vertex, self.stiffness, dtype=step.x.dtype)
+        return self.stiffness * torch.ones_like(points.first_vertex, dtype=step.x.dtype)
 
 
 class SurfaceContact(Contact):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import torch
@@ -40,6 +40,7 @@ class HingeEdges:
         one = torch.ones_like(mesh.rest_lengths)
         self.size, self.share = (one, one) if scale is None or scale.same else (scale.rest, scale.share)
 
+    @cached_property
     def compiled(self) -> Edges:
         """As the kernels need them."""
         count = self.mesh.num_edges
@@ -75,14 +76,12 @@ class HingeElastic(EnergyTerm):
     def __init__(self, law: HingeLaw, *, transfer: bool):
         super().__init__(law)
         self.transfer = transfer
-        self._edges: HingeEdges | None = None
-        self._kernel: tuple[Tensor, Edges, Tables] | None = None
+        self._tables: tuple[Tensor, Tables] | None = None
 
     def edges(self, mesh: MeshBatch) -> HingeEdges:
-        """Those of a mesh; kept for the next time."""
-        if self._edges is None or self._edges.mesh is not mesh:
-            self._edges, self._kernel = HingeEdges(mesh, self.law.face_area if self.transfer else None), None
-        return self._edges
+        """Those of a mesh; made once for all laws that were learned on the same mesh."""
+        face_area = self.law.face_area if self.transfer else None
+        return mesh.once((HingeEdges, face_area), lambda: HingeEdges(mesh, face_area))
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         edges = self.edges(step.mesh)
@@ -154,12 +153,12 @@ class HingeElastic(EnergyTerm):
         law = self.law
         if not (isinstance(law, BakedHinges) and x.device.type == law.plane.taps.device.type == "cpu"):
             return None
-        plane, kept = law.plane, self._kernel
+        plane, kept = law.plane, self._tables
         if kept is None or kept[0] is not plane.taps:  # a law may change its precision
             scales = law.stretch_scale, law.angle_scale
             tables = Tables(plane.taps.numpy(), *plane.first, *plane.nodes, *plane.step, *scales)
-            self._kernel = kept = plane.taps, edges.compiled(), tables
-        return kept[1:]
+            self._tables = kept = plane.taps, tables
+        return edges.compiled, kept[1]
 
 
 class Damping(EnergyTerm):
@@ -176,15 +175,14 @@ class Damping(EnergyTerm):
     def __init__(self, law: HingeLaw, *, transfer: bool):
         super().__init__(law)
         self.transfer = transfer
-        self._sizes: tuple[MeshBatch, Tensor] | None = None
 
     def _drag(self, step: Step) -> Float[Tensor, "vertices 1"]:
         """D of each vertex [kg/s]."""
         mesh = step.mesh
-        if self._sizes is None or self._sizes[0] is not mesh:
-            sizes = torch.ones_like(mesh.rest_positions[:, 0])
-            self._sizes = mesh, _mean_face(mesh) / self.law.face_area if self.transfer else sizes
-        return self.law.drag * self._sizes[1].to(step.x)[:, None]
+        if not self.transfer:
+            return torch.full_like(step.x[:, :1], self.law.drag)
+        area = mesh.once("mean face", lambda: _mean_face(mesh))
+        return (self.law.drag / self.law.face_area) * area.to(step.x)[:, None]
 
     def forward(self, x_next: Float[Tensor, "vertices 3"], step: Step) -> Float[Tensor, " meshes"]:
         moved = x_next - step.x

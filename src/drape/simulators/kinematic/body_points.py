@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from drape.energy.step import Step
@@ -25,6 +25,8 @@ class BodyPoints:
     """Of the face at t + dt."""
     distance: Float[Tensor, " near"]
     """Of the vertex at t [m]; negative inside the body."""
+    there: Bool[Tensor, " near"] | None = None
+    """Those that count; None: all. See :func:`drape.geometry.fixed_size.is_fixed`."""
 
     @classmethod
     def of(cls, step: Step, reach: float) -> BodyPoints:
@@ -32,4 +34,5 @@ class BodyPoints:
         near, body = step.near_vertices(reach), step.body
         corners = body.x[body.faces[near.faces]]
         x, x_next = (near.barycentric[..., None] * corners).sum(1), near.end.point
-        return cls(near.points, x, x_next, (x_next - x) / step.dt, near.end.normal, near.distance)
+        velocity = (x_next - x) / step.dt
+        return cls(near.points, x, x_next, velocity, near.end.normal, near.distance, near.there)

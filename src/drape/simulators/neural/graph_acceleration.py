@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from drape.energy.step import Step
 from drape.errors import DrapeError
+from drape.geometry.fixed_size import counted
 from drape.nets.mesh_graph_net import MeshGraphNet
 from drape.simulators.neural.graph_inputs import GraphInputs
 from drape.simulators.neural.heading import Heading
@@ -92,7 +93,7 @@ class GraphAcceleration(nn.Module):
         predicted = heading.outward(predicted, step.mesh.mesh_of_vertex)
         predicted = predicted + _along_edges(answers["mesh"].to(step.x.dtype), step)
         if points is not None and "body" in answers:
-            pushed = answers["body"].to(step.x.dtype)[:, None] * points.normal
+            pushed = counted(answers["body"].to(step.x.dtype)[:, None] * points.normal, points.there)
             predicted = predicted.index_add(0, points.vertices, pushed)
         return (self.acceleration * predicted).masked_fill(~step.free[:, None], 0.0)
 

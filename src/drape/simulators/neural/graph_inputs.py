@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
-from torch.nn.functional import one_hot
 
 from drape.energy.step import Step
 from drape.errors import DrapeError
 from drape.geometry.edge_geometry import TINY, safe_norm
+from drape.geometry.fixed_size import counted
 from drape.nets.mesh_graph_net import EdgeSet
 from drape.simulators.kinematic.body_points import BodyPoints
 from drape.simulators.neural.heading import Heading
@@ -107,14 +107,14 @@ class GraphInputs:
         along = torch.zeros_like(step.x)
         if points is not None:
             behind = (points.velocity - step.v[points.vertices]) / (step.dt * self.acceleration)
-            along = along.index_copy(0, points.vertices, behind)
+            along = along.index_copy(0, points.vertices, counted(behind, points.there))
         vectors = torch.stack([step.v / self.speed, step.geometry.vertex_normals, along, drive / STANDARD_GRAVITY], 1)
         velocity, normal, along, drive = heading.inward(vectors, mesh_of[:, None].expand(-1, 4)).unbind(1)
-        kind = one_hot(torch.where(step.free, FREE, PINNED), 3)
+        kind = _columns(torch.where(step.free, FREE, PINNED), 3)
         mass = (step.mass / self.mass).log()[:, None]
         features = [velocity, normal, along, mass, drive, step.attributes[mesh_of], kind]
         if level is not None:
-            features.append(one_hot(level, self.coarse_levels + 1))
+            features.append(_columns(level, self.coarse_levels + 1))
         return torch.cat([f.to(step.x.dtype) for f in features], -1)
 
     def _body_nodes(self, points: BodyPoints, step: Step, heading: Heading) -> Tensor:
@@ -149,5 +149,10 @@ class GraphInputs:
         vectors = heading.inward(vectors, step.mesh.mesh_of_vertex[vertices][:, None].expand(-1, 3))
         numbers = [safe_norm(vectors[:, :2], TINY), points.distance[:, None] / self.reach, height / self.reach, short]
         senders = step.mesh.num_vertices + torch.arange(len(vertices), device=vertices.device)
-        features = torch.cat([vectors.flatten(1), *numbers], -1)
-        return EdgeSet(senders, vertices, features, None if level is None else level[vertices])
+        features = counted(torch.cat([vectors.flatten(1), *numbers], -1), points.there)
+        return EdgeSet(senders, vertices, features, None if level is None else level[vertices], points.there)
+
+
+def _columns(number: Int[Tensor, " rows"], count: int) -> Bool[Tensor, "rows count"]:
+    """One-hot; the library's asks whether all numbers are in range."""
+    return number[:, None] == torch.arange(count, device=number.device)

@@ -45,6 +45,9 @@ class LayersAcceleration(nn.Module):
         DrapeError: numbers out of range.
     """
 
+    asks_device = True
+    """For the numbers of its pairs of patches, and of patches and faces."""
+
     def __init__(
         self,
         net: Callable[..., LayersTransformer],

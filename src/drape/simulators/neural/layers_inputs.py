@@ -12,6 +12,7 @@ from torch import Tensor
 from drape.energy.step import Step
 from drape.errors import DrapeError
 from drape.geometry.edge_geometry import TINY, safe_norm
+from drape.geometry.fixed_size import counted
 from drape.geometry.mesh_batch import MeshBatch
 from drape.geometry.nearest_points import NearestPoints
 from drape.geometry.patches import Patches
@@ -118,7 +119,7 @@ class LayersInputs:
         height = (arm * near.end.normal).sum(-1, keepdim=True)
         distance = near.distance[:, None] / self.edge_length
         rows = _joined(step, torch.ones_like(distance), distance, height, vectors.flatten(1))
-        return felt.index_copy(0, near.points, rows)
+        return felt.index_copy(0, near.points, counted(rows, near.there))
 
     def of_patches(
         self, vertices: Float[Tensor, "vertices size_cloth"], patches: Patches, step: Step, heading: Heading

@@ -10,6 +10,8 @@ from drape.data.garment_rollout import GarmentRollout
 from drape.energy.phys_material import PhysMaterial
 from drape.energy.term import EnergyTerm
 from drape.errors import DrapeError
+from drape.geometry.fixed_size import is_fixed
+from drape.geometry.mesh_batch import MeshBatch
 from drape.scene.material import Material
 from drape.simulators.neural.cloths import Cloth, Known, forced
 
@@ -28,6 +30,7 @@ class PhysCloths:
 
     def __init__(self, estimates: Mapping[str, Mapping[str, float]] | None, force: float = 0.0):
         self.force, self._estimates = force, None
+        self._drawn: dict[tuple[int, torch.device], Sequence[EnergyTerm]] = {}
         if estimates is not None:
             self._estimates = {name: _material(name, numbers) for name, numbers in estimates.items()}
 
@@ -36,8 +39,20 @@ class PhysCloths:
         share = mesh.rest_faces.area / 3.0
         area = share.new_zeros(mesh.num_vertices).index_add(0, mesh.faces.flatten(), share.repeat_interleave(3))
         attributes = material.inputs().to(rollout.x.device).expand(mesh.num_meshes, -1)
-        cloth = Cloth(attributes, material.areal_density * area, material.terms())
+        cloth = Cloth(attributes, material.areal_density * area, self._terms(material, mesh))
         return forced(cloth, rollout, self.force, generator)
+
+    def _terms(self, material: PhysMaterial, mesh: MeshBatch) -> Sequence[EnergyTerm]:
+        """On a device the same terms in each draw, with other numbers in their arrays: steps are recorded with them."""
+        device = mesh.edges.device
+        if not is_fixed(device):
+            return material.terms()
+        drawn = [term.to(device) for term in material.terms(mesh.num_meshes)]
+        kept = self._drawn.setdefault((mesh.num_meshes, device), drawn)
+        for term, new in zip(kept, drawn, strict=True):
+            for buffer, value in zip(term.buffers(), new.buffers(), strict=True):
+                buffer.copy_(value)
+        return kept
 
     def of(self, material: Material) -> Known:
         known = self.material(material.name)

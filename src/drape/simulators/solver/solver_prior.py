@@ -28,6 +28,9 @@ class SolverPrior(nn.Module):
         evaluations: of the incremental potential, at most.
     """
 
+    asks_device = True
+    """It solves on a CPU."""
+
     def __init__(
         self, network: nn.Module, share: float, rounds: int, contact: Contact, friction: float, evaluations: int
     ):
