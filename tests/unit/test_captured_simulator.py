@@ -8,10 +8,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor, nn
 
+from drape.data.garment_datamodule import GarmentDataModule
 from drape.energy.phys_material import PhysMaterial
 from drape.energy.terms.contact import Contact, PaperContact, SurfaceContact
 from drape.energy.terms.hinge_elastic import Damping, HingeElastic
@@ -19,17 +21,21 @@ from drape.geometry import fixed_size
 from drape.geometry.disc import disc
 from drape.geometry.grid import square_grid
 from drape.loss.collision import Collision
+from drape.loss.newton import Newton
 from drape.loss.position import Position
 from drape.loss.potential import Potential
 from drape.loss.prediction import PredictionLoss
 from drape.simulators.kinematic.prior import KinematicPrior
 from drape.simulators.neural.layers_acceleration import LayersAcceleration
+from drape.simulators.solver.solver_prior import SolverPrior
 from drape.training.captured_step import CapturedSteps, arrays, kind
 from drape.training.simulator_task import Task
 from drape.training.simulator_training import SimulatorTraining
+from tests import garments
 from tests.networks import make_network
 from tests.terms import baked, hinges, make_step
 from tests.unit.test_captured_step import ON_GPU, NoWaiting
+from tests.unit.test_simulator_training import training as make_alone
 
 FABRICS: dict[str, Callable[[], list]] = {
     "hinges": lambda: [HingeElastic(baked(), transfer=True), Damping(hinges(), transfer=True)],
@@ -165,11 +171,45 @@ def test_inputs_of_the_same_kind_differ_in_their_arrays_only():
         assert kind(replace(task, step=step)) != kind(task)
 
 
-def test_parts_that_ask_the_device_are_not_captured():
-    assert make_training("mgn", "potential")._is_capturable
-    layers = object.__new__(LayersAcceleration)
-    nn.Module.__init__(layers)
-    assert not Alone(layers, LOSSES["position"]())._is_capturable
+class Graph:
+    """What a captured step does, without a GPU: all that it gives lies where it lay before."""
+
+    def __init__(self, training: SimulatorTraining):
+        self.training, self.kept = training, None
+
+    def replay(self, task: Task) -> dict[str, Tensor]:
+        values = self.training.values(task)
+        parameters = list(self.training.network.parameters())
+        found = [each.detach().clone() for each in values.values()]
+        found += torch.autograd.grad(values["total"], parameters, materialize_grads=True)
+        self.kept = self.kept or found
+        torch._foreach_copy_(self.kept, found)
+        for parameter, slope in zip(parameters, self.kept[len(values) :], strict=True):
+            parameter.grad = slope
+        return dict(zip(values, self.kept, strict=False))
+
+
+@pytest.mark.parametrize("updates", ["step", "rollout"])
+def test_a_training_with_replays_is_the_same_training(updates, tmp_path):
+    """Rollouts of three steps, each from where the network has come to, and updates in between or at the end."""
+    path = garments.write(tmp_path / "garments.h5", frames=9)
+    data = GarmentDataModule(str(path), ["silk", "denim"], "recorded", 3, 2, seed=0)
+    trained = []
+    for replays in (False, True):
+        settings = {"network": make_network(), "loss": {"position": Position(1.0, 7.0)}, "updates": updates}
+        training = make_alone(data, optimizer=lambda parameters: torch.optim.SGD(parameters, lr=1e-3), **settings)
+        graph = Graph(training)
+        training._graph = lambda _, replays=replays, graph=graph: graph if replays else None
+        for first in (0, 2):
+            training.training_step(data.rollout(np.array([first, first + 1])), 0)
+        trained.append([*training.network.parameters(), training.logged["train/loss/position"]])
+    for one, other in zip(*trained, strict=True):
+        torch.testing.assert_close(one, other)
+
+
+def test_what_asks_the_device_and_the_cpu_have_no_graph():
+    assert all(part.asks_device for part in (LayersAcceleration, SolverPrior, Newton))
+    assert make_training("mgn", "potential")._graph(make_task("hinges")) is None
 
 
 @ON_GPU

@@ -26,7 +26,7 @@ from drape.metrics.rollout_scores import ScoredRollout, rollout_scores
 from drape.simulators.neural.checkpoint import describe_simulator
 from drape.simulators.neural.cloths import Cloths
 from drape.simulators.neural.rollout_step import rollout_step
-from drape.training.captured_step import CHECKED_EVERY, CapturedSteps
+from drape.training.captured_step import CHECKED_EVERY, CapturedStep, CapturedSteps
 from drape.training.curriculum import Curriculum
 from drape.training.schedule import Schedule
 from drape.training.simulator_task import Task, task_values
@@ -127,6 +127,7 @@ class SimulatorTraining(lightning.LightningModule):
         for group in optimizer.param_groups:
             group["lr"] = group["initial_lr"] * self._schedule(self.progress)
         sums: dict[str, Tensor] = {}
+        is_checked = not x.is_cuda or (self.global_step + 1) % CHECKED_EVERY == 0
         for k in range(length):
             step = rollout_step(rollout, k, x, v, cloth, touching)
             near = step.near if x.is_cuda else None
@@ -134,13 +135,11 @@ class SimulatorTraining(lightning.LightningModule):
             every = 1 if self._updates == "step" else length
             values = self._slopes(task, every)
             sums |= {name: sums.get(name, 0.0) + value for name, value in values.items() if "/" in name}
-            if not x.is_cuda:
+            if is_checked:
                 self._check_finite(values, rollout)
             if (k + 1) % every == 0:
                 self._update(optimizer, last=k + 1 == length)
             x, v = values["x_next"], (values["x_next"] - x) / rollout.dt
-        if (self.global_step + 1) % CHECKED_EVERY == 0:
-            self._check_finite(sums, rollout)
         logged: dict[str, Tensor | float] = {f"train/{name}": value / length for name, value in sums.items()}
         logged |= {"train/rollout_length": float(length)}
         logged |= {"train/ms_per_step": 1e3 * (time.perf_counter() - began) / length}
@@ -170,8 +169,7 @@ class SimulatorTraining(lightning.LightningModule):
 
         On a GPU as one graph, as far as network and losses can be captured and one process trains.
         """
-        alone = task.step.x.is_cuda and self.trainer.world_size == 1
-        captured = self._captured.of(task) if alone and self._is_capturable else None
+        captured = self._graph(task)
         if captured is None:
             values = self.values(task)
             self.manual_backward(values["total"] / every)
@@ -184,11 +182,13 @@ class SimulatorTraining(lightning.LightningModule):
                 if parameter.grad is not None:
                     now = parameter.grad / every
                     parameter.grad = now if before is None else before + now
-        return values
+        return values | {"x_next": values["x_next"].clone()}  # which the next replay is about to overwrite
 
-    @property
-    def _is_capturable(self) -> bool:
-        return not any(getattr(part, "asks_device", False) for part in (*self.network.modules(), *self.loss.values()))
+    def _graph(self, task: Task) -> CapturedStep[Task] | None:
+        if not task.step.x.is_cuda or self.trainer.world_size > 1:
+            return None
+        asks = any(hasattr(part, "asks_device") for part in (*self.network.modules(), *self.loss.values()))
+        return None if asks else self._captured.of(task)
 
     def _check_finite(self, values: Mapping[str, Tensor], rollout: GarmentRollout) -> None:
         """All at once: a GPU is waited for each time that one is asked."""
