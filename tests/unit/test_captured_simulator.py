@@ -164,6 +164,7 @@ def test_inputs_of_the_same_kind_differ_in_their_arrays_only():
     assert len(arrays(task)) == len(arrays(other)) > 15
     assert any(each is task.near.end.normal for each in arrays(task))
     assert not any(each is task.step.mesh.faces for each in arrays(task)), "meshes stay"
+    assert kind(replace(task, target=task.target[:-1])) != kind(task)
     for step in (
         replace(task.step, dt=0.5), replace(task.step, external_force=None), replace(task.step, fabric=[]),
         make_task("hinges").step,
@@ -205,6 +206,17 @@ def test_a_training_with_replays_is_the_same_training(updates, tmp_path):
         trained.append([*training.network.parameters(), training.logged["train/loss/position"]])
     for one, other in zip(*trained, strict=True):
         torch.testing.assert_close(one, other)
+
+
+def test_each_evaluation_begins_with_a_step_of_which_nothing_is_known():
+    """Positions of a captured step change in their place: what it has computed from the last ones would be stale."""
+    task = make_task("hinges")
+    task.step.inertial.add_(0.0)
+    first, second = task.started, task.started
+    assert first is not second
+    assert first.near is second.near is task.near
+    assert "inertial" not in vars(first)
+    assert task.started.surface is task.step.surface
 
 
 def test_what_asks_the_device_and_the_cpu_have_no_graph():
