@@ -62,6 +62,8 @@ def test_derivatives(laws, name):
     law, q = laws[name], deformations()
     assert torch.autograd.gradcheck(law.potential, q.clone().requires_grad_())
     slopes, h = law.slopes(q), 1e-6
+    for one, other in zip(law.energy_and_gradient(q), slopes, strict=False):
+        torch.testing.assert_close(one, other)
     torch.testing.assert_close(slopes.energy, law.potential(q))
     torch.testing.assert_close(slopes.hessian, slopes.hessian.mT)
     assert slopes.hessian.abs().max() > 1.0

@@ -171,7 +171,7 @@ def test_kernel_and_tensors_relax_alike(monkeypatch):
         return after.detach(), x.grad
 
     by_kernel = relaxed()
-    monkeypatch.setattr(edge_lengths._Compiled, "apply", edge_lengths._on_tensors)
+    monkeypatch.setattr(edge_lengths, "_Compiled", edge_lengths._OnTensors)
     torch.testing.assert_close(relaxed(), by_kernel)
 
 

@@ -24,7 +24,7 @@ from drape.simulators.advance import advance
 from drape.simulators.neural.cloths import Cloth
 from drape.simulators.neural.rollout_step import rollout_step
 from drape.training.captured_step import CapturedSteps
-from drape.training.simulator_task import Task, task_values
+from drape.training.simulator_task import Task, round_products, task_values
 
 WARM_UP = 3
 """Rollouts that are not counted."""
@@ -75,6 +75,7 @@ class _Step:
 
     def __init__(self, config: DictConfig, data: GarmentDataModule, device: str):
         self.data, self.device = data, device
+        round_products(torch.device(device))
         self.network = conf.instantiate(config.model.network).to(device)
         self.cloths = conf.instantiate(config.model.cloths)
         self.losses = [conf.instantiate(term).to(device) for term in config.loss.values()]

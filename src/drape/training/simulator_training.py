@@ -29,7 +29,7 @@ from drape.simulators.neural.rollout_step import rollout_step
 from drape.training.captured_step import CHECKED_EVERY, CapturedStep, CapturedSteps
 from drape.training.curriculum import Curriculum
 from drape.training.schedule import Schedule
-from drape.training.simulator_task import Task, task_values
+from drape.training.simulator_task import Task, round_products, task_values
 
 UPDATES = ("step", "rollout")
 REACH = 0.1
@@ -113,6 +113,10 @@ class SimulatorTraining(lightning.LightningModule):
     def progress(self) -> float:
         """Of the training, from 0 to 1."""
         return self.global_step / max(self.trainer.max_steps, 1)
+
+    def on_fit_start(self) -> None:
+        """See :func:`round_products`."""
+        round_products(self.device)
 
     def training_step(self, rollout: GarmentRollout, batch_idx: int) -> None:
         """Roll out, and update."""

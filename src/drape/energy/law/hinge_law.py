@@ -50,6 +50,16 @@ class HingeLaw(nn.Module, ABC):
     def potential(self, q: Float[Tensor, "edges 2"]) -> Float[Tensor, " edges"]:
         """φp of q = (Δl [m], Δθ [rad]), the changes from rest [J]; twice differentiable in q."""
 
+    def energy_and_gradient(
+        self, q: Float[Tensor, "edges 2"]
+    ) -> tuple[Float[Tensor, " edges"], Float[Tensor, "edges 2"]]:
+        """φp [J] with its first derivatives [J/m, J/rad]; no graph."""
+        with torch.enable_grad():
+            q = q.detach().requires_grad_()
+            energy = self.potential(q)
+            (gradient,) = torch.autograd.grad(energy.sum(), q)
+        return energy.detach(), gradient
+
     def slopes(self, q: Float[Tensor, "edges 2"]) -> HingeSlopes:
         """φp with its first and second derivatives; no graph."""
         with torch.enable_grad():

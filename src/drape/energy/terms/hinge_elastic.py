@@ -101,15 +101,14 @@ class HingeElastic(EnergyTerm):
             return step.sum_stencils(energy, step.mesh.edges[:, 0]), torch.from_numpy(gradient).to(x_next.dtype)
         q, angle, shape = _deformation(x_next.detach(), edges)
         size, share = edges.size.to(q.dtype), edges.share.to(q.dtype)
-        slopes = self.law.slopes((q / size).T)
-        by_length, by_angle = (share * size * slopes.gradient.T).unbind(0)
+        energy, slopes = self.law.energy_and_gradient((q / size).T)
+        by_length, by_angle = (share * size * slopes.T).unbind(0)
         pull = shape.change_slopes(by_angle, angle)
         along = (by_length / shape.length) * shape.edge
         pull[0:3] -= along
         pull[3:6] += along
-        return step.sum_stencils(share * size.square() * slopes.energy, step.mesh.edges[:, 0]), edges.corners.scatter(
-            pull, len(x_next)
-        )
+        energy = step.sum_stencils(share * size.square() * energy, step.mesh.edges[:, 0])
+        return energy, edges.corners.scatter(pull, len(x_next))
 
     def kernel(self, step: Step) -> Kernel | None:
         given = self._compiled(self.edges(step.mesh), step.x)

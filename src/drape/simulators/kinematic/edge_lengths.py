@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from drape.compiled import compiled
-from drape.geometry.edge_geometry import TINY, safe_norm
+from drape.geometry.edge_geometry import TINY
 from drape.geometry.mesh_batch import MeshBatch
 
 RADIUS = 0.97
@@ -33,19 +33,43 @@ def nearer_to_rest(
     weights = [1.0]
     for k in range(rounds):
         weights.append(_next_weight(k, weights[-1]))
-    form = _Compiled.apply if x.device.type == "cpu" else _on_tensors
-    return form(x, mesh.edges, mesh.rest_lengths.to(x), share, weights[1:])
+    form = _Compiled if x.device.type == "cpu" else _OnTensors
+    return form.apply(x, mesh.edges, mesh.rest_lengths.to(x), share, weights[1:])
 
 
-def _on_tensors(x: Tensor, edges: Tensor, rest: Tensor, share: Tensor, weights: list[float]) -> Tensor:
-    first, second = edges.unbind(-1)
-    before = x
-    for weight in weights:
-        arm = x.index_select(0, second) - x.index_select(0, first)
-        change = (1.0 - rest / safe_norm(arm, TINY))[:, None] * arm
-        moved = torch.zeros_like(x).index_add(0, first, change).index_add(0, second, -change)
-        before, x = x, before + weight * (x + share[:, None] * moved - before)
-    return x
+class _OnTensors(torch.autograd.Function):
+    """On a device, with its derivative: half as many operations as differentiating each."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, edges: Tensor, rest: Tensor, share: Tensor, weights: list[float]) -> Tensor:
+        first, second = edges.unbind(-1)
+        ctx.given = (first, second, share[:, None], weights)
+        ctx.rounds, before = [], x
+        for weight in weights:
+            arm = x.index_select(0, second) - x.index_select(0, first)
+            inverse = (arm.square().sum(-1, keepdim=True) + TINY**2).rsqrt()
+            relative = rest[:, None] * inverse
+            change = torch.addcmul(arm, relative, arm, value=-1.0)
+            moved = torch.zeros_like(x).index_add_(0, first, change).index_add_(0, second, change, alpha=-1.0)
+            ctx.rounds.append((arm, inverse, relative))
+            before, x = x, torch.lerp(before, torch.addcmul(x, share[:, None], moved), weight)
+        return x.clone()
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        first, second, share, weights = ctx.given
+        of_after, of_x = gradient, torch.zeros_like(gradient)
+        for weight, (arm, inverse, relative) in zip(reversed(weights), reversed(ctx.rounds), strict=True):
+            of_before = (1.0 - weight) * of_after
+            pull = share * of_after
+            pull = pull.index_select(0, first) - pull.index_select(0, second)
+            along = relative * inverse.square() * (pull * arm).sum(-1, keepdim=True)
+            way = torch.addcmul(torch.addcmul(pull, relative, pull, value=-1.0), along, arm)
+            of_x = torch.add(of_x, of_after, alpha=weight)
+            of_x = of_x.index_add_(0, second, way, alpha=weight).index_add_(0, first, way, alpha=-weight)
+            of_after, of_x = of_x, of_before
+        return (of_after + of_x) if weights else gradient, None, None, None, None
 
 
 class _Compiled(torch.autograd.Function):
