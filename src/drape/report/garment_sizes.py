@@ -9,26 +9,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from drape.metrics.record import EvaluationRecord
-from drape.report.figure_theme import INK, save_figure, themed, written_out
-from drape.report.garment_rows import FAMILIES, NETWORKS, WITHOUT, GarmentRow, by_data, garment_rows, noise_floor, place
+from drape.report.figure_theme import INK, save_figure, themed
+from drape.report.garment_rows import GarmentRow, by_data, garment_rows, noise_floor, place
 from drape.report.runs import readable
 from drape.report.table import Table
+from drape.report.trade_points import BLENDER, Point, draw_points, finish_trade
 
 SEQUENCES = "sequences.csv"
 TIMED = "blender_time.csv"
-BLENDER = "Blender's own cloth"
-"""Label and family of what the recordings are made by. Its error is the noise floor: that of recording once more."""
-COLOURS = dict(zip((*FAMILIES, BLENDER), ("#7d8793", "#d9822b", "#2f6fd0", "#3f9c5a", "#a34fb5"), strict=True))
-"""By family."""
 MARKERS = list(dict.fromkeys((*"os^Dv", *Line2D.filled_markers)))
 """One for each size, the coarsest first, and again from the first."""
-NEAR = 0.94
-"""Ratio of two errors from which on their labels would touch."""
 NEEDS = {
     "real time": "30 frames per second",
     "preview": "the fastest within 1.5 times the least error",
@@ -154,6 +148,8 @@ def size_tables(found: Sequence[Size]) -> list[Table]:
 def draw_sizes(found: Sequence[Size], path: Path, *, dark: bool = False) -> Path | None:
     """Error [mm] against time per frame [ms]: families by colour, sizes by marker, the frontier of each size.
 
+    A row is named at the largest size that it has.
+
     None where ``found`` is empty.
     """
     if not found:
@@ -163,51 +159,21 @@ def draw_sizes(found: Sequence[Size], path: Path, *, dark: bool = False) -> Path
         figure = Figure(figsize=(7.6, 6.2), layout="constrained")
         axis = figure.subplots()
         for marker, size in marked:
-            _draw_size(axis, size, marker, INK[dark])
-        _name_rows(axis, found[-1])
-        axis.set(xscale="log", yscale="log", xlabel="time per frame [ms], one core", ylabel="mean vertex error [mm]")
-        axis.margins(0.1)
-        axis.grid(alpha=0.25, linewidth=0.5)
-        for ticks in (axis.xaxis, axis.yaxis):
-            written_out(ticks, (1, 3))
-        for marker, size in marked:
+            draw_points(axis, _points(size), marker, INK[dark])
             axis.plot([], [], marker, color=INK[dark], label=f"{size.vertices:.0f} vertices", linestyle="none")
-        for name in dict.fromkeys(size.family(label) for size in found for label in size.points):
-            axis.plot([], [], color=COLOURS[name], label=name, linewidth=2)
-        figure.legend(loc="outside lower center", ncols=4, fontsize=8)
+        largest = {label: (size, point) for size in found for label, point in _points(size).items()}
+        named = [(label, point) for label, (_, point) in largest.items()]
+        others = [point for size in found for label, point in _points(size).items() if largest[label][0] is not size]
+        finish_trade(figure, axis, named, others)
         return save_figure(figure, path)
+
+
+def _points(size: Size) -> dict[str, Point]:
+    return {label: Point(*point, size.family(label)) for label, point in size.points.items()}
 
 
 def _short(value: float) -> str:
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
-
-
-def _draw_size(axis: Axes, size: Size, marker: str, ink: str) -> None:
-    """The rows of a size; those of a solver joined in the order of their time, and the frontier."""
-    points = size.points
-    for name, colour in COLOURS.items():
-        own = sorted(points[label] for label in points if size.family(label) == name)
-        if own:
-            joined = "-" if name not in (WITHOUT, NETWORKS) else "none"
-            axis.plot(*zip(*own, strict=True), marker, color=colour, linestyle=joined, linewidth=1, markersize=6)
-    best, frontier = float("inf"), []
-    for time, error in sorted(point for label, point in points.items() if label != BLENDER):
-        if error < best:
-            frontier.append((time, error))
-            best = error
-    axis.step(*zip(*frontier, strict=True), where="post", color=ink, alpha=0.25, linewidth=3, zorder=0)
-
-
-def _name_rows(axis: Axes, size: Size) -> None:
-    """Each row, right of its point of this size, a line lower where the one above is near; a solver by its budget."""
-    above = 0.0, float("inf")
-    for label, (time, error) in sorted(size.points.items(), key=lambda item: -item[1][1]):
-        name = size.family(label)
-        text = label.partition(", ")[2] or label if name not in (WITHOUT, NETWORKS) else label
-        touches = time < 2 * above[0] and error > NEAR * above[1]
-        offset, colour = (7, -8 if touches else 3), COLOURS[name]
-        axis.annotate(text, (time, error), offset, textcoords="offset points", fontsize=7, color=colour)
-        above = time, error
 
 
 def _point(row: GarmentRow) -> tuple[float, float] | None:

@@ -10,16 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from drape.evaluation.scored_sequence import write_rows
-from drape.report.figure_theme import INK, legend_below, save_figure, themed, written_out
-from drape.report.garment_colours import row_styles
+from drape.report.figure_theme import INK, save_figure, themed
 from drape.report.garment_rows import GarmentRow, noise_floor
+from drape.report.trade_points import COLOURS, Point, draw_points, finish_trade
 
 COLUMNS = ("ms_per_frame", "error_mm", "error_mm_std", "floor_mm", "collision_percent", "inside_percent")
-MARKERS = {"trained": "o", "solver": "s", "baseline": "D"}
 FAR = 10
 """Rows with an error of more than so many times the smallest are in the CSV, and not in the picture."""
-DENSE = 1e3
-"""Ratio of the ends of an axis up to which there is room for numbers between powers of ten."""
 
 
 def trade_rows(rows: Sequence[GarmentRow]) -> list[dict[str, Any]]:
@@ -46,7 +43,7 @@ def write_garment_trade(rows: Sequence[GarmentRow], picture: Path) -> Path | Non
 
 
 def draw_garment_trade(rows: Sequence[GarmentRow], path: Path, *, dark: bool = False) -> Path | None:
-    """Error [mm] against time per frame [ms], both logarithmic, a point for each of ``rows``; the floor as a line.
+    """Error [mm] against time per frame [ms], both logarithmic: a named point for each of ``rows``, and the floor.
 
     Bars: the range over seeds. Without those farther than :data:`FAR`. None where no row has both numbers.
     """
@@ -56,34 +53,28 @@ def draw_garment_trade(rows: Sequence[GarmentRow], path: Path, *, dark: bool = F
     nearest = min(float(each["error_mm"]) for each in found)
     shown = {str(each["method"]) for each in found if float(each["error_mm"]) <= FAR * nearest}
     with themed(dark=dark):
-        figure = Figure(figsize=(6.4, 5.8), layout="constrained")
-        axis = figure.subplots()
-        styles = row_styles(rows)
+        figure = Figure(figsize=(7.6, 6.2), layout="constrained")
+        axis, points = figure.subplots(), dict[str, Point]()
         for row in (row for row in rows if row.label in shown):
-            _draw_point(axis, row, styles[row.label]["color"])
+            points |= _point(axis, row)
+        draw_points(axis, points, "o", INK[dark])
         floor = noise_floor(rows)
         if floor is not None:
             axis.axhline(floor, color=INK[dark], linestyle=":", linewidth=1)
             axis.annotate(
-                f"noise floor {floor:.2g} mm", (1.0, floor), (-2, 4), xycoords=("axes fraction", "data"),
-                textcoords="offset points", fontsize=8, ha="right",
+                f"noise floor {floor:.2g} mm", (0.0, floor), (4, 4), xycoords=("axes fraction", "data"),
+                textcoords="offset points", fontsize=8,
             )  # fmt: skip
-        axis.set(xscale="log", yscale="log", xlabel="time per frame [ms]", ylabel="mean vertex error [mm]")
-        axis.margins(0.12)
-        axis.grid(alpha=0.25, linewidth=0.5)
-        for ticks in (axis.xaxis, axis.yaxis):
-            low, high = ticks.get_view_interval()
-            written_out(ticks, (1, 2, 5) if high < DENSE * low else (1,))
-        legend_below(figure)
+        finish_trade(figure, axis, list(points.items()))
         return save_figure(figure, path)
 
 
-def _draw_point(axis: Axes, row: GarmentRow, colour: str) -> None:
+def _point(axis: Axes, row: GarmentRow) -> dict[str, Point]:
+    """Of a row, by its label; the range over its seeds is drawn."""
     time, error = row.over_seeds("ms_per_frame"), row.over_seeds("error_mm")
     if time is None or error is None:
-        return
-    marker = MARKERS["trained" if row.training else "solver" if row.is_solver else "baseline"]
+        return {}
     if len(row.records) > 1:
-        axis.plot([time.mean] * 2, [error.lowest, error.highest], color=colour, linewidth=1)
-        axis.plot([time.lowest, time.highest], [error.mean] * 2, color=colour, linewidth=1)
-    axis.plot(time.mean, error.mean, marker, color=colour, markersize=7, label=row.label)
+        for x, y in (([time.mean] * 2, [error.lowest, error.highest]), ([time.lowest, time.highest], [error.mean] * 2)):
+            axis.plot(x, y, color=COLOURS[row.family], linewidth=1)
+    return {row.label: Point(time.mean, error.mean, row.family)}

@@ -1,0 +1,79 @@
+"""Points of a trade of error against time: named where they stand, joined, and the best of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from adjustText import adjust_text
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from drape.report.figure_theme import written_out
+from drape.report.garment_rows import FAMILIES, NETWORKS, WITHOUT
+
+BLENDER = "Blender's own cloth"
+"""Label and family of what the recordings are made by. Its error is the noise floor: that of recording once more."""
+COLOURS = dict(zip((*FAMILIES, BLENDER), ("#7d8793", "#d9822b", "#2f6fd0", "#3f9c5a", "#a34fb5"), strict=True))
+"""By family."""
+ROUNDS = 300
+"""Of moving names apart."""
+DENSE = 1e3
+"""Ratio of the ends of an axis up to which there is room for numbers between powers of ten."""
+
+
+class Point(NamedTuple):
+    """A way to animate garments."""
+
+    time: float
+    """Per frame [ms]."""
+    error: float
+    """Mean vertex error [mm]."""
+    family: str
+    """A key of :data:`COLOURS`."""
+
+
+def draw_points(axis: Axes, points: Mapping[str, Point], marker: str, ink: str) -> None:
+    """Points of a size by label; those of a solver joined in the order of their time, and the frontier of all."""
+    for family, colour in COLOURS.items():
+        own = sorted(point[:2] for point in points.values() if point.family == family)
+        if own:
+            joined = "-" if family not in (WITHOUT, NETWORKS) else "none"
+            axis.plot(*zip(*own, strict=True), marker, color=colour, linestyle=joined, linewidth=1, markersize=6)
+    best, frontier = float("inf"), []
+    for time, error, _ in sorted(point for point in points.values() if point.family != BLENDER):
+        if error < best:
+            frontier.append((time, error))
+            best = error
+    axis.step(*zip(*frontier, strict=True), where="post", color=ink, alpha=0.25, linewidth=3, zorder=0)
+
+
+def finish_trade(figure: Figure, axis: Axes, named: Sequence[tuple[str, Point]], beside: Sequence[Point] = ()) -> None:
+    """Axes, the families, and a name at each of the ``named`` points, a solver's by its budget.
+
+    Names keep off each other and off all points, those ``beside`` too.
+    """
+    axis.set(xscale="log", yscale="log", xlabel="time per frame [ms], one core", ylabel="mean vertex error [mm]")
+    axis.margins(0.12)
+    axis.grid(alpha=0.25, linewidth=0.5)
+    for ticks in (axis.xaxis, axis.yaxis):
+        low, high = ticks.get_view_interval()
+        written_out(ticks, (1, 2, 5) if high < DENSE * low else (1,))
+    every = [point for _, point in named] + list(beside)
+    for family in (family for family in COLOURS if any(point.family == family for point in every)):
+        axis.plot([], [], color=COLOURS[family], label=family, linewidth=2)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8)
+    FigureCanvasAgg(figure)
+    figure.draw_without_rendering()  # names are moved on the axes that there will be
+    texts = [
+        axis.text(point.time, point.error, _short(text, point.family), fontsize=7, color=COLOURS[point.family])
+        for text, point in named
+    ]
+    places = {"x": [point.time for point in every], "y": [point.error for point in every]}
+    arrows = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.5}
+    adjust_text(texts, **places, ax=axis, iter_lim=ROUNDS, expand=(1.1, 1.3), arrowprops=arrows)
+
+
+def _short(label: str, family: str) -> str:
+    return label if family in (WITHOUT, NETWORKS) else label.partition(", ")[2] or label
