@@ -65,7 +65,7 @@ class GarmentDataModule(lightning.LightningDataModule):
         self.batch_size, self.seed = batch_size, seed
         self.file.check_fabrics(self.fabrics)
         self._sequence = lru_cache(maxsize=None)(self.file.sequence)
-        self._batch = lru_cache(maxsize=256)(self._joined_meshes)
+        self._batch = lru_cache(maxsize=128)(self._joined_meshes)
         self.train_sequences = self._usable("train")
         self._check(self.train_sequences, start)
         test = self._usable("test")
