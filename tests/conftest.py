@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import sys
 from collections.abc import Iterator
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # of torch, here and in commands: more wait for each other in small tests
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 
+from drape.geometry import fixed_size
 from drape.geometry.grid import square_grid
 from drape.geometry.mesh import ClothMesh
 from drape.geometry.mesh_batch import MeshBatch
@@ -53,6 +55,15 @@ def small_cloth() -> ClothMesh:
 def cloth_batch(cloth: ClothMesh) -> MeshBatch:
     """The 8 x 8 cloth alone."""
     return MeshBatch.from_meshes([cloth])
+
+
+@pytest.fixture
+def fixed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sizes of arrays stay on the CPU too, as on a device."""
+    own = fixed_size.is_fixed
+    for module in list(sys.modules.values()):
+        if getattr(module, "is_fixed", None) is own:
+            monkeypatch.setattr(module, "is_fixed", lambda _: True)
 
 
 def bent(rest: torch.Tensor, amount: float = 0.3) -> torch.Tensor:

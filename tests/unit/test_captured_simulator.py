@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -17,7 +16,6 @@ from drape.data.garment_datamodule import GarmentDataModule
 from drape.energy.phys_material import PhysMaterial
 from drape.energy.terms.contact import Contact, PaperContact, SurfaceContact
 from drape.energy.terms.hinge_elastic import Damping, HingeElastic
-from drape.geometry import fixed_size
 from drape.geometry.disc import disc
 from drape.geometry.grid import square_grid
 from drape.loss.collision import Collision
@@ -77,15 +75,6 @@ def slopes(training: Alone, task: Task) -> tuple[dict[str, Tensor], list[Tensor]
     values = training.values(task)
     found = torch.autograd.grad(values["total"], list(training.network.parameters()), allow_unused=True)
     return values, [each for each in found if each is not None]
-
-
-@pytest.fixture
-def fixed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sizes stay on the CPU too."""
-    own = fixed_size.is_fixed
-    for module in list(sys.modules.values()):
-        if getattr(module, "is_fixed", None) is own:
-            monkeypatch.setattr(module, "is_fixed", lambda _: True)
 
 
 def on_device(value: Any, made: dict[int, Any], device: str = "meta") -> Any:

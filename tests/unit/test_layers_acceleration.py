@@ -128,6 +128,15 @@ def test_the_body_matters_to_patches_and_to_vertices(step, name):
         assert (found(pushed) - found(step)).abs().max() > 1e-5
 
 
+def test_rows_that_do_not_count_change_nothing(step, request):
+    """As on a device, where the body near a vertex has a row for each of them."""
+    found = network()
+    expected, felt = found(step), found.inputs.near_body(step, Heading(step.x, step.mesh))
+    assert 0 < int((felt == 0.0).all(-1).sum()) < len(felt)
+    request.getfixturevalue("fixed")
+    torch.testing.assert_close(found(replace(step)), expected)
+
+
 def test_gradients_are_finite(step):
     """All parameters are trained; at rest, where vertices lie at the centres of their patches, nothing breaks."""
     found = network(patch_size=0.01)
