@@ -130,9 +130,9 @@ def test_the_body_matters_to_patches_and_to_vertices(step, name):
 
 def test_rows_that_do_not_count_change_nothing(step, request):
     """As on a device, where the body near a vertex has a row for each of them."""
-    found = network()
+    found = network(felt_reach=0.02)
     expected, felt = found(step), found.inputs.near_body(step, Heading(step.x, step.mesh))
-    assert 0 < int((felt == 0.0).all(-1).sum()) < len(felt)
+    assert 10 < int((felt == 0.0).all(-1).sum()) < len(felt) - 10
     request.getfixturevalue("fixed")
     torch.testing.assert_close(found(replace(step)), expected)
 
