@@ -86,6 +86,7 @@ def test_groups_stay_together_and_show_all_their_windows():
         assert len({one for one, _ in first}) == len(first) == 5, "of six windows five, each once"
         assert {other for _, other in first} == {6, 7, 8, 9}
         assert np.bincount(np.concatenate(second)).tolist() == [0] * 10 + [2] * 5
+        assert any(one != other for one, other in second), "members are shuffled each for itself"
     assert epochs[0] != epochs[1]
     assert {batch[0] >= 10 for batch in epochs[0][:5]} == {True, False}, "not group after group"
     continued = loader(num_windows=15, batch_size=2, groups=groups)
