@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from torch.nn.functional import linear
 
 from drape.errors import DrapeError
+from drape.geometry.fixed_size import counted
 
 BLOCK = 8192
 """Edges whose messages are made at once on a CPU where no graph is kept: few enough for its cache."""
@@ -165,7 +166,7 @@ class _Step(nn.Module):
             active = edge_set if rows is None else edge_set.take(rows)
             message = self.messages[part.name](nodes, active)
             if some is not None and rows is None:
-                message = message.masked_fill(~some[:, None], 0.0)
+                message = counted(message, some)
             received = nodes.new_zeros(nodes.shape).index_add(0, active.receivers, message)
             hidden += linear(received, of_sum)
             features = edge_set.features

@@ -45,6 +45,7 @@ class CapturedStep(Generic[Inputs]):
     ):
         self._losses, self._parameters = losses, list(parameters)
         self._inputs = _changed(inputs, Tensor.clone)
+        self._arrays, self._kind = arrays(self._inputs), kind(self._inputs)
         aside = torch.cuda.Stream()
         aside.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(aside):
@@ -57,11 +58,11 @@ class CapturedStep(Generic[Inputs]):
 
     def fits(self, inputs: Inputs) -> bool:
         """Whether these are inputs of the kind that was captured."""
-        return kind(inputs) == kind(self._inputs)
+        return kind(inputs) == self._kind
 
     def replay(self, inputs: Inputs) -> dict[str, Tensor]:
         """The losses of ``inputs``; their slopes become the ``grad`` of the parameters. Both change with the next."""
-        torch._foreach_copy_(arrays(self._inputs), arrays(inputs))
+        torch._foreach_copy_(self._arrays, arrays(inputs))
         self._graph.replay()
         for parameter, slope in zip(self._parameters, self._slopes, strict=True):
             parameter.grad = slope

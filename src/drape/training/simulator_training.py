@@ -102,6 +102,7 @@ class SimulatorTraining(lightning.LightningModule):
         self._updates, self._noise, self._clip, self._clearance = updates, noise, clip, clearance
         self._seed = seed
         self._captured = CapturedSteps[Task](self.values, list(network.parameters()))
+        self._asks_device = any(hasattr(part, "asks_device") for part in (*network.modules(), *loss.values()))
         self.watched: list[ScoredRollout] = []
 
     @staticmethod
@@ -189,10 +190,9 @@ class SimulatorTraining(lightning.LightningModule):
         return values | {"x_next": values["x_next"].clone()}  # which the next replay is about to overwrite
 
     def _graph(self, task: Task) -> CapturedStep[Task] | None:
-        if not task.step.x.is_cuda or self.trainer.world_size > 1:
+        if not task.step.x.is_cuda or self.trainer.world_size > 1 or self._asks_device:
             return None
-        asks = any(hasattr(part, "asks_device") for part in (*self.network.modules(), *self.loss.values()))
-        return None if asks else self._captured.of(task)
+        return self._captured.of(task)
 
     def _check_finite(self, values: Mapping[str, Tensor], rollout: GarmentRollout) -> None:
         """All at once: a GPU is waited for each time that one is asked."""
