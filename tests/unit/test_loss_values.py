@@ -115,6 +115,18 @@ def test_disturbances_have_the_levels_of_the_paper():
     assert float(torch.cat(squares).max()) > 6.0, "there is a level of σ itself"
 
 
+@pytest.mark.parametrize("rows", [7, 4096])
+def test_what_fills_up_the_affected_edges_counts_nothing(monkeypatch, rows):
+    torch.manual_seed(0)
+    step = StepEnergies(EUNet(Springs()), window(BATCH), training=True)
+    plain, filled = [], []
+    for found, size in ((plain, 1), (filled, rows)):
+        monkeypatch.setattr("drape.loss.contrastive.ROWS", size)
+        torch.manual_seed(1)
+        found += Contrastive(1.0, 0.01).rise(step)
+    torch.testing.assert_close(filled, plain, rtol=1e-12, atol=1e-15)
+
+
 def test_one_level_is_sigma_itself():
     assert float(torch.cat([flying(seed, levels=1) for seed in range(8)]).mean()) == pytest.approx(3.0, rel=0.1)
 

@@ -13,6 +13,7 @@ from drape.benchmark.measured import Circumstances, Measured
 from drape.benchmark.simulator_step import SimulatorStep
 from drape.data.statistics import training_statistics
 from drape.errors import DrapeError
+from drape.nets.products import multiply_by_onednn
 from drape.training.step_cost import StepCost
 
 
@@ -52,6 +53,7 @@ class TrainingStep:
         if on_gpu:
             rows = DeviceStep(energy, loss, windows, torch.device("cuda")).measure(self.repeats)
             return Measured("training_step", title, rows, f"{torch.cuda.get_device_name()}; {circumstances.text()}")
+        multiply_by_onednn()
         cost = StepCost(energy, loss, windows).measure(self.repeats)
         beyond = cost["step"] / cost["networks"] - 1.0
         title += f"; beyond the networks {100 * beyond:.0f} % of their forward and backward time"

@@ -23,6 +23,7 @@ from drape.loss.term import LossTerm, loss_values
 from drape.metrics import record
 from drape.metrics.fabric_metric import FabricMetric
 from drape.metrics.family import energy_metrics
+from drape.nets.products import multiply_by_onednn
 from drape.training.captured_step import CHECKED_EVERY, CapturedStep
 from drape.training.schedule import Schedule
 
@@ -85,6 +86,11 @@ class EnergyTraining(lightning.LightningModule):
     ) -> dict[str, Any]:
         """Self-description of a checkpoint; its example is the first window of validation."""
         return describe(config, self.energy, data.windows(data.validation_sequences, np.arange(1)).to(self.device))
+
+    def on_fit_start(self) -> None:
+        """See :func:`multiply_by_onednn`."""
+        if self.device.type == "cpu":
+            multiply_by_onednn()
 
     def on_train_batch_start(self, batch: Window, batch_idx: int) -> None:
         """Seed the disturbances, so that a resumed training draws what the uninterrupted one would."""

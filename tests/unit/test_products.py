@@ -1,0 +1,38 @@
+"""Products of matrices by another library have the bits of float32, or stay where they were."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from drape.nets import products
+
+
+@pytest.fixture(autouse=True)
+def as_before():
+    before = torch.get_float32_matmul_precision()
+    torch.set_float32_matmul_precision("highest")
+    yield
+    torch.set_float32_matmul_precision(before)
+
+
+@pytest.mark.parametrize(
+    ("rows", "inputs", "outputs"), [(5548, 128, 128), (3000, 10, 128), (1001, 64, 32), (128, 5548, 64)]
+)
+def test_products_keep_the_bits_of_float32(rows, inputs, outputs):
+    products.multiply_by_onednn()
+    generator = torch.Generator().manual_seed(0)
+    a, b = (torch.randn(shape, generator=generator) for shape in ((rows, inputs), (inputs, outputs)))
+    exact = a.double() @ b.double()
+    assert ((a @ b - exact).abs().max() / exact.abs().max()).item() < 3e-6, "rounded to bfloat16 it is 2e-3"
+
+
+def test_a_library_that_keeps_them_is_asked_from_now_on():
+    assert products.multiply_by_onednn() == (torch.get_float32_matmul_precision() == "medium")
+
+
+def test_a_library_that_rounds_is_not_asked_again(monkeypatch):
+    monkeypatch.setattr(torch, "equal", lambda a, b: False)
+    assert not products.multiply_by_onednn()
+    assert torch.get_float32_matmul_precision() == "highest"
+
