@@ -15,7 +15,8 @@ from drape.report.garment_tables import kinds_table
 
 @conf.main("evaluate")
 def main(config: DictConfig) -> None:
-    record, scored, folder = evaluate_config(config, conf.typed(), conf.chosen("simulator"), conf.chosen("energy"))
+    options = [conf.chosen(group) for group in ("simulator", "energy", "contact")]
+    record, scored, folder = evaluate_config(config, conf.typed(), *options)
     table = kinds_table(record)
     (folder / "table.md").write_text(table.markdown(), encoding="utf-8")
     draw_garment_curves(scored, folder / "by_frame.png")

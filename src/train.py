@@ -45,7 +45,7 @@ def scored(config: DictConfig, folder: Path) -> EvaluationRecord:
     place = os.path.relpath(folder)
     told = ["simulator=neural", f"simulator.checkpoint={place}/checkpoints/last.ckpt", f"data.path={config.data.path}"]
     told.append(f"folder={place}/evaluation")
-    return evaluate_config(hydra.compose("evaluate", told), told, "neural", "").record
+    return evaluate_config(hydra.compose("evaluate", told), told, "neural").record
 
 
 if __name__ == "__main__":

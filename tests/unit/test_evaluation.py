@@ -100,6 +100,14 @@ def test_a_solver_is_named_by_what_it_may_spend(file, overrides, name):
     assert Method(config, file).named("implicit", "phys") == name
 
 
+@pytest.mark.parametrize(("contact", "name"), [("surface", "implicit_phys_10"), ("ipc", "implicit_phys_ipc_10")])
+def test_a_solver_is_named_by_its_contact(file, contact, name):
+    """So that ``evaluate.py -m contact=surface,ipc`` is two evaluations."""
+    with initialize_config_dir(str(CONF), version_base=None):
+        config = compose("evaluate", ["energy=phys", "simulator.iterations=10", f"contact={contact}"])
+    assert Method(config, file).named("implicit", "phys", contact) == name
+
+
 class Trained(Counted):
     """A method with a network that says this of its training."""
 
@@ -119,13 +127,13 @@ class Trained(Counted):
 )
 def test_a_network_is_named_by_its_run(file, told, name):
     """By the name that the user gave it, so that two with other settings are two evaluations."""
-    assert Trained(file, **told).named("neural", "") == name
+    assert Trained(file, **told).named("neural") == name
 
 
 @pytest.mark.parametrize("told", [{"name": "../mgn"}, {"row": "elsewhere/mgn"}, {"scale": "a/../.."}])
 def test_a_file_does_not_say_where_its_evaluation_goes(file, told):
     with pytest.raises(DrapeError, match=r"some\.ckpt: training: found the name"):
-        Trained(file, **told).named("neural", "")
+        Trained(file, **told).named("neural")
 
 
 def test_an_interrupted_sequence_goes_on_at_its_frame(file, tmp_path):

@@ -26,6 +26,8 @@ from drape.simulators.simulator import Simulator
 
 OF_ENERGIES = ("energy", "contact")
 """Groups that mean something only where energies are minimised."""
+USUAL = "surface"
+"""Contact that no name says."""
 
 
 class Method:
@@ -58,10 +60,10 @@ class Method:
         if "device" in config.simulator:
             check_device(config.simulator.device)
 
-    def named(self, simulator: str, energy: str) -> str:
-        """Simulator, energy and budget (``_40``, ``_x2``: two steps a frame) as one name, or what a network is.
+    def named(self, simulator: str, energy: str = "", contact: str = USUAL) -> str:
+        """Simulator, energy, contact and budget (``_40``, ``_x2``: two steps a frame) as one name; what a network is.
 
-        Only what is not usual is said of the budget.
+        Only what is not usual is said of contact and budget.
 
         Raises:
             DrapeError: a checkpoint whose name would lead out of the folder of evaluations.
@@ -78,7 +80,8 @@ class Method:
             return name
         signs = {"iterations": "_", "steps": "_x"}
         budget = "".join(f"{signs[key]}{value}" for key, value in chosen_budget(self.config.simulator).items())
-        return f"{simulator}_{energy}{budget}" if self.minimises else simulator
+        touching = "" if contact == USUAL else f"_{contact}"
+        return f"{simulator}_{energy}{touching}{budget}" if self.minimises else simulator
 
     @cached_property
     def training(self) -> dict[str, Any] | None:

@@ -24,10 +24,10 @@ class Evaluated(NamedTuple):
     folder: Path
 
 
-def evaluate_config(config: DictConfig, overrides: list[str], simulator: str, energy: str) -> Evaluated:
+def evaluate_config(config: DictConfig, overrides: list[str], *options: str) -> Evaluated:
     """Animate and score what a config composed from ``conf/evaluate.yaml`` says.
 
-    ``overrides`` are those of its command line; ``simulator`` and ``energy`` the options of these groups.
+    ``overrides`` are those of its command line; ``options`` those of the groups that :meth:`Method.named` asks for.
 
     Raises:
         DrapeError: mistakes in the config or the data.
@@ -35,7 +35,7 @@ def evaluate_config(config: DictConfig, overrides: list[str], simulator: str, en
     conf.check_config(config, contents="evaluate")
     file, selection = open_dressed(config.data.path), conf.instantiate(config.selection)
     method = Method(config, file, overrides)
-    name = config.name or method.named(simulator, energy)
+    name = config.name or method.named(*options)
     folder = Path(config.folder or f"{config.runs}/{file.path.stem}_{selection.split}/{name}")
     scored = evaluate(method, selection.of(file), folder)
     command = conf.command_line("evaluate", overrides)
