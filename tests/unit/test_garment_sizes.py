@@ -18,6 +18,7 @@ from drape.report.garment_sizes import (
     size_tables,
     sizes,
 )
+from drape.report.trade_points import Point, name_points
 
 SOLVER = {"simulator": {"_target_": "drape.simulators.solver.implicit.ImplicitSolver"}, "energy": {"_target_": "x"}}
 ROWS = {
@@ -107,3 +108,15 @@ def test_the_figure_has_a_marker_for_each_of_any_number_of_sizes(tmp_path):
     found = sizes(evaluations(tmp_path, names=("slow",), vertices=vertices))
     text = draw_sizes(found, tmp_path / "sizes.svg").read_text()
     assert [text.count(f"<!-- {size.vertices:.0f} vertices -->") for size in found] == [1] * len(found)
+
+
+def test_points_that_hide_each_other_have_one_text():
+    """The nearest first; not with points of another family, nor with those that are only as slow or only as near."""
+    named = [
+        ("MGN", Point(20.0, 31.0, "networks")), ("HOOD", Point(22.0, 30.0, "networks")),
+        ("solver, 5 evaluations", Point(20.0, 31.0, "solver")), ("LayersNet", Point(20.0, 60.0, "networks")),
+        ("skinned", Point(0.1, 31.0, "without dynamics")),
+    ]  # fmt: skip
+    texts = [text for text, _ in name_points(named)]
+    assert sorted(texts) == ["5 evaluations", "HOOD, MGN", "LayersNet", "skinned"]
+    assert not name_points([])

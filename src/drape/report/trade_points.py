@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
 from adjustText import adjust_text
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from scipy.sparse.csgraph import connected_components
 
 from drape.report.figure_theme import written_out
 from drape.report.garment_rows import FAMILIES, NETWORKS, WITHOUT
@@ -19,6 +22,10 @@ COLOURS = dict(zip((*FAMILIES, BLENDER), ("#7d8793", "#d9822b", "#2f6fd0", "#3f9
 """By family."""
 ROUNDS = 300
 """Of moving names apart."""
+WIDEST = 34
+"""Letters of a name in a line."""
+HIDDEN = np.log([1.25, 1.06])
+"""Points whose times and errors differ by less than these ratios hide each other."""
 DENSE = 1e3
 """Ratio of the ends of an axis up to which there is room for numbers between powers of ten."""
 
@@ -52,10 +59,11 @@ def draw_points(axis: Axes, points: Mapping[str, Point], marker: str, ink: str) 
 def finish_trade(figure: Figure, axis: Axes, named: Sequence[tuple[str, Point]], beside: Sequence[Point] = ()) -> None:
     """Axes, the families, and a name at each of the ``named`` points, a solver's by its budget.
 
-    Names keep off each other and off all points, those ``beside`` too.
+    Points that hide each other have one text with all their names. Texts keep off each other and off all points, those
+    ``beside`` too.
     """
     axis.set(xscale="log", yscale="log", xlabel="time per frame [ms], one core", ylabel="mean vertex error [mm]")
-    axis.margins(0.12)
+    axis.margins(0.2)
     axis.grid(alpha=0.25, linewidth=0.5)
     for ticks in (axis.xaxis, axis.yaxis):
         low, high = ticks.get_view_interval()
@@ -67,12 +75,28 @@ def finish_trade(figure: Figure, axis: Axes, named: Sequence[tuple[str, Point]],
     FigureCanvasAgg(figure)
     figure.draw_without_rendering()  # names are moved on the axes that there will be
     texts = [
-        axis.text(point.time, point.error, _short(text, point.family), fontsize=7, color=COLOURS[point.family])
-        for text, point in named
+        axis.text(point.time, point.error, text, fontsize=7, color=COLOURS[point.family])
+        for text, point in name_points(named)
     ]
     places = {"x": [point.time for point in every], "y": [point.error for point in every]}
     arrows = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.5}
     adjust_text(texts, **places, ax=axis, iter_lim=ROUNDS, expand=(1.1, 1.3), arrowprops=arrows)
+
+
+def name_points(named: Sequence[tuple[str, Point]]) -> list[tuple[str, Point]]:
+    """A text for each point, and where; one for all points of a family that hide each other, the nearest first."""
+    places = np.log([point[:2] for _, point in named]).reshape(-1, 2)
+    families = np.array([point.family for _, point in named])
+    hidden = (abs(places[:, None] - places) < HIDDEN).all(-1) & (families[:, None] == families)
+    groups: dict[int, list[tuple[str, Point]]] = {}
+    for group, (label, point) in zip(connected_components(hidden)[1], named, strict=True):
+        groups.setdefault(int(group), []).append((_short(label, point.family), point))
+    found = []
+    for group in groups.values():
+        group.sort(key=lambda each: each[1].error)
+        text = textwrap.fill(", ".join(text for text, _ in group), WIDEST, break_long_words=False)
+        found.append((text, group[len(group) // 2][1]))
+    return found
 
 
 def _short(label: str, family: str) -> str:
