@@ -115,8 +115,10 @@ def test_points_that_hide_each_other_have_one_text():
     named = [
         ("MGN", Point(20.0, 31.0, "networks")), ("HOOD", Point(22.0, 30.0, "networks")),
         ("solver, 5 evaluations", Point(20.0, 31.0, "solver")), ("LayersNet", Point(20.0, 60.0, "networks")),
-        ("skinned", Point(0.1, 31.0, "without dynamics")),
+        ("skinned", Point(0.1, 31.0, "without dynamics")), ("solver, 9 evaluations", Point(40.0, 9.0, "solver")),
+        ("solver + PHYS, 9 evaluations", Point(40.0, 38.0, "solver")),
     ]  # fmt: skip
     texts = [text for text, _ in name_points(named)]
-    assert sorted(texts) == ["5 evaluations", "HOOD, MGN", "LayersNet", "skinned"]
+    solvers = ["5 evaluations", "9 evaluations", "solver + PHYS, 9 evaluations"]
+    assert sorted(texts) == sorted(["HOOD, MGN", "LayersNet", "skinned", *solvers])
     assert not name_points([])

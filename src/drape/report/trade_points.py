@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -42,12 +43,14 @@ class Point(NamedTuple):
 
 
 def draw_points(axis: Axes, points: Mapping[str, Point], marker: str, ink: str) -> None:
-    """Points of a size by label; those of a solver joined in the order of their time, and the frontier of all."""
-    for family, colour in COLOURS.items():
-        own = sorted(point[:2] for point in points.values() if point.family == family)
-        if own:
-            joined = "-" if family not in (WITHOUT, NETWORKS) else "none"
-            axis.plot(*zip(*own, strict=True), marker, color=colour, linestyle=joined, linewidth=1, markersize=6)
+    """Points of a size by label; those of a solver with one law joined in the order of time; the frontier of all."""
+    rows: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for label, point in points.items():
+        rows.setdefault((point.family, _law(label)), []).append(point[:2])
+    for (family, _), own in rows.items():
+        joined = "-" if family not in (WITHOUT, NETWORKS) else "none"
+        times, errors = zip(*sorted(own), strict=True)
+        axis.plot(times, errors, marker, color=COLOURS[family], linestyle=joined, linewidth=1, markersize=6)
     best, frontier = float("inf"), []
     for time, error, _ in sorted(point for point in points.values() if point.family != BLENDER):
         if error < best:
@@ -63,7 +66,7 @@ def finish_trade(figure: Figure, axis: Axes, named: Sequence[tuple[str, Point]],
     ``beside`` too.
     """
     axis.set(xscale="log", yscale="log", xlabel="time per frame [ms], one core", ylabel="mean vertex error [mm]")
-    axis.margins(0.2)
+    axis.margins(0.25)
     axis.grid(alpha=0.25, linewidth=0.5)
     for ticks in (axis.xaxis, axis.yaxis):
         low, high = ticks.get_view_interval()
@@ -84,13 +87,18 @@ def finish_trade(figure: Figure, axis: Axes, named: Sequence[tuple[str, Point]],
 
 
 def name_points(named: Sequence[tuple[str, Point]]) -> list[tuple[str, Point]]:
-    """A text for each point, and where; one for all points of a family that hide each other, the nearest first."""
+    """A text for each point, and where; one for all points of a family that hide each other, the nearest first.
+
+    The law that most rows of a solver have goes without saying.
+    """
     places = np.log([point[:2] for _, point in named]).reshape(-1, 2)
     families = np.array([point.family for _, point in named])
     hidden = (abs(places[:, None] - places) < HIDDEN).all(-1) & (families[:, None] == families)
+    laws = Counter(_law(label) for label, point in named if point.family not in (WITHOUT, NETWORKS))
+    usual = max(laws, key=laws.__getitem__, default="")
     groups: dict[int, list[tuple[str, Point]]] = {}
     for group, (label, point) in zip(connected_components(hidden)[1], named, strict=True):
-        groups.setdefault(int(group), []).append((_short(label, point.family), point))
+        groups.setdefault(int(group), []).append((label.removeprefix(f"{usual}, "), point))
     found = []
     for group in groups.values():
         group.sort(key=lambda each: each[1].error)
@@ -99,5 +107,6 @@ def name_points(named: Sequence[tuple[str, Point]]) -> list[tuple[str, Point]]:
     return found
 
 
-def _short(label: str, family: str) -> str:
-    return label if family in (WITHOUT, NETWORKS) else label.partition(", ")[2] or label
+def _law(label: str) -> str:
+    """Of a solver: what its label says before its budget."""
+    return label.partition(", ")[0]
