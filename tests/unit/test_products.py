@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 
+from drape.errors import DrapeError
 from drape.nets import products
+from drape.training import run
 
 
 @pytest.fixture(autouse=True)
 def as_before():
-    before = torch.get_float32_matmul_precision()
-    torch.set_float32_matmul_precision("highest")
-    yield
-    torch.set_float32_matmul_precision(before)
+    with products.products_of_before():
+        torch.set_float32_matmul_precision("highest")
+        yield
 
 
 @pytest.mark.parametrize(
@@ -36,3 +38,16 @@ def test_a_library_that_rounds_is_not_asked_again(monkeypatch):
     assert not products.multiply_by_onednn()
     assert torch.get_float32_matmul_precision() == "highest"
 
+
+def test_what_comes_next_has_the_products_of_before(monkeypatch, tmp_path):
+    """After a training that failed, too: a sweep goes on with its other runs."""
+
+    def failing(*_: object) -> None:
+        torch.set_float32_matmul_precision("medium")
+        raise DrapeError("stopped")
+
+    monkeypatch.setattr(run, "_train", failing)
+    monkeypatch.setattr(run.conf, "check_config", lambda config: None)
+    with pytest.raises(DrapeError, match="stopped"):
+        run.train(OmegaConf.create(), tmp_path, {})
+    assert torch.get_float32_matmul_precision() == "highest"

@@ -20,11 +20,12 @@ from drape.data.garment_datamodule import GarmentDataModule
 from drape.data.garment_rollout import GarmentRollout
 from drape.energy.step import Step
 from drape.loss.prediction import Prediction
+from drape.nets.products import round_products
 from drape.simulators.advance import advance
 from drape.simulators.neural.cloths import Cloth
 from drape.simulators.neural.rollout_step import rollout_step
 from drape.training.captured_step import CapturedSteps
-from drape.training.simulator_task import Task, round_products, task_values
+from drape.training.simulator_task import Task, task_values
 
 WARM_UP = 3
 """Rollouts that are not counted."""

@@ -1,8 +1,21 @@
-"""The library that multiplies the matrices of networks on a CPU."""
+"""Products of the matrices of networks: by which library, of how many bits."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import torch
+
+
+@contextmanager
+def products_of_before() -> Iterator[None]:
+    """Afterwards products are as they were: what comes next in the process, as in a sweep, may need others."""
+    before = torch.get_float32_matmul_precision()
+    try:
+        yield
+    finally:
+        torch.set_float32_matmul_precision(before)
 
 
 def multiply_by_onednn() -> bool:
@@ -20,3 +33,12 @@ def multiply_by_onednn() -> bool:
     if not kept:
         torch.set_float32_matmul_precision(before)
     return kept
+
+
+def round_products(device: torch.device) -> None:
+    """Matrix products of networks on a GPU with 10 bits of each factor, several times as fast; nothing on a CPU.
+
+    A prediction of 10 m/s² that is a thousandth off moves a vertex by 10 µm in a frame. Energies have no such products.
+    """
+    if device.type == "cuda":
+        torch.set_float32_matmul_precision("high")

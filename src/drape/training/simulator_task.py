@@ -35,15 +35,6 @@ class Task:
         return self.step if self.near is None else self.step.with_near(self.near, self.step.surface)
 
 
-def round_products(device: torch.device) -> None:
-    """Matrix products of networks on a GPU with 10 bits of each factor, several times as fast; nothing on a CPU.
-
-    A prediction of 10 m/s² that is a thousandth off moves a vertex by 10 µm in a frame. Energies have no such products.
-    """
-    if device.type == "cuda":
-        torch.set_float32_matmul_precision("high")
-
-
 def task_values(network: nn.Module, losses: Iterable[PredictionLoss], task: Task) -> dict[str, Tensor]:
     """The ``total`` of the losses, their summands as they are and as energies, and ``x_next``, which is predicted.
 

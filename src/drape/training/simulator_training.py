@@ -23,13 +23,14 @@ from drape.loss.potential import Potential
 from drape.loss.prediction import PredictionLoss
 from drape.metrics.record import SimulatorRecord
 from drape.metrics.rollout_scores import ScoredRollout, rollout_scores
+from drape.nets.products import round_products
 from drape.simulators.neural.checkpoint import describe_simulator
 from drape.simulators.neural.cloths import Cloths
 from drape.simulators.neural.rollout_step import rollout_step
 from drape.training.captured_step import CHECKED_EVERY, CapturedStep, CapturedSteps
 from drape.training.curriculum import Curriculum
 from drape.training.schedule import Schedule
-from drape.training.simulator_task import Task, round_products, task_values
+from drape.training.simulator_task import Task, task_values
 
 UPDATES = ("step", "rollout")
 REACH = 0.1
