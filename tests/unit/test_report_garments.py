@@ -13,8 +13,7 @@ import pytest
 from drape.errors import DrapeError
 from drape.metrics.record import EvaluationRecord
 from drape.report.document import garment_document
-from drape.report.garment_colours import row_styles
-from drape.report.garment_curves import draw_garment_comparison, error_by_frame
+from drape.report.garment_curves import apart, draw_garment_comparison, error_by_frame
 from drape.report.garment_rows import by_data, duration, garment_rows, published
 from drape.report.garment_tables import animation_tables, comparison_table, garment_tables
 from drape.report.garment_trade import draw_garment_trade, trade_rows, write_garment_trade
@@ -309,15 +308,11 @@ def test_the_trade_has_every_row_but_the_twin(tmp_path: Path):
     assert draw_garment_trade(rows[-1:], tmp_path / "none.png") is None, "the twin alone is no trade"
 
 
-def test_a_row_looks_the_same_in_every_figure_and_unlike_the_others():
-    found = [record("twin", 0.2, target=TWIN), record("frozen", 50.0), record("skinned", 5.0)]
-    found += [record(name, 5.0, method={"energy": {}}) for name in ("a", "b")]
-    found += [record("h", 5.0, trained(row, scale=scale)) for row in ("hood", "mine") for scale in ("cpu", "paper")]
-    rows = garment_rows(found)
-    styles = row_styles(rows)
-    assert len({style["color"] for style in styles.values()}) == len(styles) == 8
-    assert row_styles([row for row in rows if not row.is_twin]) == styles
-    assert "-" not in {styles["frozen"]["linestyle"], styles["skinned"]["linestyle"]}
+def test_names_keep_apart_as_near_to_their_curves_as_they_can():
+    heights = np.array([2.0, 2.0, 4.0, 2.0])
+    assert apart(np.array([0.0, 5.0, 9.0, 20.0]), heights) == pytest.approx([0.0, 5.0, 9.0, 20.0]), "there is room"
+    assert apart(np.array([0.0, 5.0, 5.0, 20.0]), heights) == pytest.approx([0.0, 3.5, 6.5, 20.0])
+    assert apart(np.array([1.0, 1.0, 1.0, 1.0]), heights) == pytest.approx([-2.75, -0.75, 2.25, 5.25])
 
 
 def test_curves_are_means_over_sequences_and_seeds(tmp_path: Path):
@@ -331,7 +326,10 @@ def test_curves_are_means_over_sequences_and_seeds(tmp_path: Path):
     (row,) = garment_rows(found)
     np.testing.assert_allclose(error_by_frame(row), [6.5, 7.5, 8.0])
     assert np.isnan(error_by_frame(row, "floor_mm")).all()
-    assert draw_garment_comparison([row], tmp_path / "curves.svg", dark=True).read_text().count("<path") > 10
+    twice = [row, dataclasses.replace(row, label="HOOD, longer")]
+    drawn = draw_garment_comparison(twice, tmp_path / "curves.svg", dark=True).read_text()
+    assert drawn.count("<path") > 10
+    assert "<!-- HOOD; HOOD,\N{NO-BREAK SPACE}longer -->" in drawn, "curves that end together have one text"
     (tmp_path / "1" / "by_frame.csv").unlink()
     assert error_by_frame(row) is None
     assert draw_garment_comparison([row], tmp_path / "none.png") is None

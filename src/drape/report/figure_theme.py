@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,10 +14,6 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 INK = {False: "#24292f", True: "#d8dee6"}
 """Of text and frames on a light, on a dark page."""
-LONG = 24
-"""Letters up to which three names stand side by side."""
-WIDEST = 42
-"""Letters after which a name goes on in the next line."""
 FORMATS = {".svg": {"Date": None}, ".png": {}}
 """Metadata of a file by its ending: nothing that differs from run to run."""
 
@@ -44,14 +39,6 @@ def written_out(axis: Axis, subs: Sequence[int] = (1, 2, 5)) -> None:
     axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FormatStrFormatter("%g"))
     axis.set_minor_formatter(NullFormatter())
-
-
-def legend_below(figure: Figure) -> None:
-    """Names what is drawn, in as many columns as the names leave room for; long ones take several lines."""
-    handles, names = figure.axes[0].get_legend_handles_labels()
-    columns = 3 if max(map(len, names)) <= LONG else 2
-    labels = [textwrap.fill(name, WIDEST) for name in names]
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8)
 
 
 def save_figure(figure: Figure, path: Path) -> Path:

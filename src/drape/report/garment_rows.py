@@ -143,13 +143,13 @@ def place(row: GarmentRow) -> tuple:
     if row.is_twin:
         return len(FAMILIES), 0, row.label
     if row.training:
-        return family, papers_place(row), row.label
+        return family, _papers_place(row), row.label
     if row.is_solver:
         return family, solver_label(row.records[0]), *budget_of(row.records[0]), row.label
     return family, -row.error, row.label
 
 
-def papers_place(row: GarmentRow) -> int:
+def _papers_place(row: GarmentRow) -> int:
     """Place in the paper's table of a trained simulator, or of that whose variant it is; the last of others."""
     names = list(published()["rows"])
     found = [name for name in names if row.label == name or row.label.startswith((f"{name} ", f"{name},"))]

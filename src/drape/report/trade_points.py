@@ -23,8 +23,11 @@ COLOURS = dict(zip((*FAMILIES, BLENDER), ("#7d8793", "#d9822b", "#2f6fd0", "#3f9
 """By family."""
 ROUNDS = 300
 """Of moving names apart."""
+PUSHES = {"expand": (1.15, 1.5), "force_text": (0.3, 0.5), "force_static": (0.3, 0.5), "force_pull": (0.005, 0.005)}
+"""By which names leave each other and the points (adjustText): with its own they stay over them in a full figure."""
 WIDEST = 34
-"""Letters of a name in a line."""
+"""Letters in a line."""
+UNBROKEN = "\N{NO-BREAK SPACE}"
 HIDDEN = np.log([1.25, 1.06])
 """Points whose times and errors differ by less than these ratios hide each other."""
 DENSE = 1e3
@@ -83,7 +86,7 @@ def finish_trade(figure: Figure, axis: Axes, named: Sequence[tuple[str, Point]],
     ]
     places = {"x": [point.time for point in every], "y": [point.error for point in every]}
     arrows = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.5}
-    adjust_text(texts, **places, ax=axis, iter_lim=ROUNDS, expand=(1.1, 1.3), arrowprops=arrows)
+    adjust_text(texts, **places, ax=axis, iter_lim=ROUNDS, **PUSHES, arrowprops=arrows)
 
 
 def name_points(named: Sequence[tuple[str, Point]]) -> list[tuple[str, Point]]:
@@ -102,7 +105,8 @@ def name_points(named: Sequence[tuple[str, Point]]) -> list[tuple[str, Point]]:
     found = []
     for group in groups.values():
         group.sort(key=lambda each: each[1].error)
-        text = textwrap.fill(", ".join(text for text, _ in group), WIDEST, break_long_words=False)
+        names = [text.replace(" ", UNBROKEN) if len(text) < WIDEST else text for text, _ in group]
+        text = textwrap.fill("; ".join(names), WIDEST, break_long_words=False, break_on_hyphens=False)
         found.append((text, group[len(group) // 2][1]))
     return found
 
