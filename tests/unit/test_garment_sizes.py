@@ -94,7 +94,8 @@ def test_blender_stands_at_the_noise_floor_and_is_never_recommended(tmp_path, ca
     (tmp_path / "blender_time.csv").write_text("file,vertices\na.h5,many\n")
     found = sizes(evaluations(tmp_path, vertices=(500, 2000, 8000)), blender_costs(tmp_path))
     assert f"left out: {tmp_path / 'blender_time.csv'}: damaged" in capsys.readouterr().err
-    assert [size.points.get(BLENDER) for size in found] == [(1000.0, 3.0), (4000.0, 3.0), None]
+    points = [size.points.get(BLENDER) for size in found]
+    assert points == [Point(1000.0, 3.0, BLENDER), Point(4000.0, 3.0, BLENDER), None]
     assert exponent(BLENDER, found) == pytest.approx(1.0)
     assert BLENDER not in recommended(found[0]).values()
     (table,) = size_tables(found)

@@ -17,7 +17,7 @@ from drape.report.figure_theme import INK, save_figure, themed
 from drape.report.garment_rows import GarmentRow, by_data, garment_rows, noise_floor, place
 from drape.report.runs import readable
 from drape.report.table import Table
-from drape.report.trade_points import BLENDER, Point, draw_points, finish_trade
+from drape.report.trade_points import BLENDER, Point, draw_points, finish_trade, point_of
 
 SEQUENCES = "sequences.csv"
 TIMED = "blender_time.csv"
@@ -44,16 +44,12 @@ class Size:
     """Mean over the sequences."""
     rows: Mapping[str, GarmentRow]
     """By label, without the noise floor."""
-    points: Mapping[str, tuple[float, float]]
-    """Time per frame [ms] and error [mm] of each, and of Blender where it was timed."""
+    points: Mapping[str, Point]
+    """Of each, and of Blender where it was timed."""
     costs: Mapping[str, Sequence[Cost]]
     """Of the same."""
     floor: float | None
     """Mean error of the noise floor [mm]."""
-
-    def family(self, label: str) -> str:
-        """Of a row, or Blender."""
-        return self.rows[label].family if label in self.rows else BLENDER
 
 
 def sizes(
@@ -68,12 +64,13 @@ def sizes(
         vertices = [number for record in group for number, _ in _costs(record)]
         if vertices:
             rows, timed = garment_rows(group), (blender or {}).get(str(group[0].data["path"]))
-            points = {row.label: point for row in rows if not row.is_twin and (point := _point(row)) is not None}
+            points = {row.label: point for row in rows if not row.is_twin and (point := point_of(row)) is not None}
             known = {row.label: row for row in rows if row.label in points}
             costs = {label: _costs(row.records[0]) for label, row in known.items()}
             floor = noise_floor(rows)
             if timed and floor is not None:
-                points[BLENDER], costs[BLENDER] = (float(np.mean([ms for _, ms in timed])), floor), list(timed)
+                points[BLENDER] = Point(float(np.mean([ms for _, ms in timed])), floor, BLENDER)
+                costs[BLENDER] = list(timed)
             lot = lots.setdefault(len(group[0].data["sequences"]), [])
             lot.append(Size(float(np.mean(vertices)), known, points, costs, floor))
     most = max(lots.values(), key=len, default=[])
@@ -108,11 +105,11 @@ def exponent(label: str, found: Sequence[Size]) -> float | None:
 def recommended(size: Size) -> dict[str, str]:
     """Label of the row with the least error in real time, of the fastest within 1.5 times the least, of the least."""
     points = {label: point for label, point in size.points.items() if label != BLENDER}
-    least = min(points, key=lambda label: points[label][1])
-    near = [label for label in points if points[label][1] <= 1.5 * points[least][1]]
-    found = {"preview": min(near, key=lambda label: points[label][0]), "final": least}
-    quick = [label for label in points if points[label][0] <= REAL_TIME]
-    return ({"real time": min(quick, key=lambda label: points[label][1])} if quick else {}) | found
+    least = min(points, key=lambda label: points[label].error)
+    near = [label for label in points if points[label].error <= 1.5 * points[least].error]
+    found = {"preview": min(near, key=lambda label: points[label].time), "final": least}
+    quick = [label for label in points if points[label].time <= REAL_TIME]
+    return ({"real time": min(quick, key=lambda label: points[label].error)} if quick else {}) | found
 
 
 def size_tables(found: Sequence[Size]) -> list[Table]:
@@ -126,7 +123,7 @@ def size_tables(found: Sequence[Size]) -> list[Table]:
     labels = sorted(named, key=lambda label: place(named[label]))
     rows = []
     for label in (*labels, *([BLENDER] if any(BLENDER in size.points for size in found) else [])):
-        cells = [" / ".join(map(_short, size.points.get(label, ()))) for size in found]
+        cells = [" / ".join(map(_short, size.points.get(label, ())[:2])) for size in found]
         power = exponent(label, found)
         rows.append((label, *cells, "" if power is None else f"{power:.2f}"))
     notes = []
@@ -148,9 +145,7 @@ def size_tables(found: Sequence[Size]) -> list[Table]:
 def draw_sizes(found: Sequence[Size], path: Path, *, dark: bool = False) -> Path | None:
     """Error [mm] against time per frame [ms]: families by colour, sizes by marker, the frontier of each size.
 
-    A row is named at the largest size that it has.
-
-    None where ``found`` is empty.
+    A row is named at the largest size that it has. None where ``found`` is empty.
     """
     if not found:
         return None
@@ -159,27 +154,17 @@ def draw_sizes(found: Sequence[Size], path: Path, *, dark: bool = False) -> Path
         figure = Figure(figsize=(7.6, 6.2), layout="constrained")
         axis = figure.subplots()
         for marker, size in marked:
-            draw_points(axis, _points(size), marker, INK[dark])
+            draw_points(axis, size.points, marker, INK[dark])
             axis.plot([], [], marker, color=INK[dark], label=f"{size.vertices:.0f} vertices", linestyle="none")
-        largest = {label: (size, point) for size in found for label, point in _points(size).items()}
+        largest = {label: (size, point) for size in found for label, point in size.points.items()}
         named = [(label, point) for label, (_, point) in largest.items()]
-        others = [point for size in found for label, point in _points(size).items() if largest[label][0] is not size]
+        others = [point for size in found for label, point in size.points.items() if largest[label][0] is not size]
         finish_trade(figure, axis, named, others)
         return save_figure(figure, path)
 
 
-def _points(size: Size) -> dict[str, Point]:
-    return {label: Point(*point, size.family(label)) for label, point in size.points.items()}
-
-
 def _short(value: float) -> str:
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
-
-
-def _point(row: GarmentRow) -> tuple[float, float] | None:
-    """Time per frame [ms] and error [mm]."""
-    time, error = row.over_seeds("ms_per_frame"), row.over_seeds("error_mm")
-    return None if time is None or error is None else (time.mean, error.mean)
 
 
 def _costs(record: EvaluationRecord) -> list[Cost]:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from drape.evaluation.scored_sequence import write_rows
 from drape.report.figure_theme import INK, save_figure, themed
 from drape.report.garment_rows import GarmentRow, noise_floor
-from drape.report.trade_points import COLOURS, Point, draw_points, finish_trade
+from drape.report.trade_points import COLOURS, draw_points, finish_trade, point_of
 
 COLUMNS = ("ms_per_frame", "error_mm", "error_mm_std", "floor_mm", "collision_percent", "inside_percent")
 FAR = 10
@@ -54,10 +54,11 @@ def draw_garment_trade(rows: Sequence[GarmentRow], path: Path, *, dark: bool = F
     shown = {str(each["method"]) for each in found if float(each["error_mm"]) <= FAR * nearest}
     with themed(dark=dark):
         figure = Figure(figsize=(7.6, 6.2), layout="constrained")
-        axis, points = figure.subplots(), dict[str, Point]()
-        for row in (row for row in rows if row.label in shown):
-            points |= _point(axis, row)
+        axis = figure.subplots()
+        points = {row.label: point for row in rows if row.label in shown and (point := point_of(row)) is not None}
         draw_points(axis, points, "o", INK[dark])
+        for row in (row for row in rows if row.label in points):
+            _draw_range(axis, row)
         floor = noise_floor(rows)
         if floor is not None:
             axis.axhline(floor, color=INK[dark], linestyle=":", linewidth=1)
@@ -69,12 +70,9 @@ def draw_garment_trade(rows: Sequence[GarmentRow], path: Path, *, dark: bool = F
         return save_figure(figure, path)
 
 
-def _point(axis: Axes, row: GarmentRow) -> dict[str, Point]:
-    """Of a row, by its label; the range over its seeds is drawn."""
+def _draw_range(axis: Axes, row: GarmentRow) -> None:
+    """Bars over the seeds of a row, where there are several."""
     time, error = row.over_seeds("ms_per_frame"), row.over_seeds("error_mm")
-    if time is None or error is None:
-        return {}
-    if len(row.records) > 1:
+    if len(row.records) > 1 and time is not None and error is not None:
         for x, y in (([time.mean] * 2, [error.lowest, error.highest]), ([time.lowest, time.highest], [error.mean] * 2)):
             axis.plot(x, y, color=COLOURS[row.family], linewidth=1)
-    return {row.label: Point(time.mean, error.mean, row.family)}

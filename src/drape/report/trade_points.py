@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from scipy.sparse.csgraph import connected_components
 
 from drape.report.figure_theme import written_out
-from drape.report.garment_rows import FAMILIES, NETWORKS, WITHOUT
+from drape.report.garment_rows import FAMILIES, NETWORKS, WITHOUT, GarmentRow
 
 BLENDER = "Blender's own cloth"
 """Label and family of what the recordings are made by. Its error is the noise floor: that of recording once more."""
@@ -43,6 +43,12 @@ class Point(NamedTuple):
     """Mean vertex error [mm]."""
     family: str
     """A key of :data:`COLOURS`."""
+
+
+def point_of(row: GarmentRow) -> Point | None:
+    """Means over the seeds of a row; None where no evaluation has both numbers."""
+    time, error = row.over_seeds("ms_per_frame"), row.over_seeds("error_mm")
+    return None if time is None or error is None else Point(time.mean, error.mean, row.family)
 
 
 def draw_points(axis: Axes, points: Mapping[str, Point], marker: str, ink: str) -> None:
