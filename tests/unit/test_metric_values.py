@@ -144,8 +144,8 @@ def test_spring_hinge_residual_is_that_of_the_law():
 def test_rest_state_of_springs_that_prefer_another_length():
     metric = RestState(FABRICS)
     for seed in range(2):  # the second batch has nothing new
-        metric.update(step(window([0, 1], seed), offset=-7.0, shift=0.002))
-    assert metric.edges.tolist() == [56, 56]
+        metric.update(step(window([0, 1, 0], seed), offset=-7.0, shift=0.002))
+    assert metric.edges.tolist() == [56, 56], "of one cloth each"
     result = metric.compute()
     assert result["rest_energy_J/overall"] == pytest.approx(
         (result["rest_energy_J/silk"] + result["rest_energy_J/denim"]) / 2

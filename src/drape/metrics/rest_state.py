@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from drape.energy.law.step_energies import StepEnergies
@@ -22,8 +22,8 @@ class RestState(FabricMetric):
       angles at rest [J]; 0 when the rest length is the most comfortable one (the paper's zero point, figure 4).
     * ``rest_force_N``: the largest |∂Φ/∂x| of any vertex at rest [N], dissipation included.
 
-    The rest state depends on the fabric alone, so each fabric is evaluated in the first batch that has it; overall is
-    the mean over the fabrics, for the force the largest.
+    The rest state depends on the fabric alone, so each fabric is evaluated on the first cloth that is of it; overall
+    is the mean over the fabrics, for the force the largest.
     """
 
     RANGE = 5e-3
@@ -42,20 +42,18 @@ class RestState(FabricMetric):
         self.add_state("force", zeros, dist_reduce_fx="max")
 
     def update(self, step: StepEnergies) -> None:
-        window = step.window
-        new = self.edges[window.fabric] == 0
+        window, mesh = step.window, step.window.mesh
+        new = _first_of_each(window.fabric) & (self.edges[window.fabric] == 0)
         if not bool(new.any()):
             return
-        rest = window.mesh.rest_positions
+        rest = mesh.rest_positions
         at_rest = StepEnergies(step.energy, replace(window, x_prev=rest, x=rest, x_next=rest), training=False)
-        mesh = window.mesh
-        for name, per_edge in (
-            ("energy", at_rest.potential.abs()),
-            ("above", at_rest.potential - lowest_energy(at_rest, self.RANGE, self.POINTS)),
-            ("edges", torch.ones_like(at_rest.potential)),
-        ):
-            state = getattr(self, name)
-            state += self.per_fabric(window, mesh.sum_edges(per_edge) * new)
+        edges = new[mesh.mesh_of_edge].nonzero().squeeze(1)
+        energy = at_rest.potential.detach()[edges]
+        fabric = window.fabric[mesh.mesh_of_edge[edges]]
+        self.edges.index_add_(0, fabric, torch.ones_like(energy))
+        self.energy.index_add_(0, fabric, energy.abs())
+        self.above.index_add_(0, fabric, energy - lowest_energy(at_rest, edges, self.RANGE, self.POINTS))
         force = at_rest.gradient.detach().norm(dim=-1).double()
         self.force = self.force.scatter_reduce(0, window.fabric[mesh.mesh_of_vertex], force, "amax")
 
@@ -74,12 +72,20 @@ class RestState(FabricMetric):
         return result
 
 
-def lowest_energy(step: StepEnergies, half_range: float, points: int) -> Float[Tensor, " edges"]:
-    """Minimum of φp [J] of each edge when it is stretched by -half_range … half_range [m] from its state at t."""
-    units, mesh = step.energy.potential, step.window.mesh
-    deformation = units.inputs(step.current)
+def _first_of_each(fabric: Int[Tensor, " meshes"]) -> Bool[Tensor, " meshes"]:
+    """Whether no mesh before it is of its fabric."""
+    same = fabric[:, None] == fabric
+    return same.long().argmax(1) == torch.arange(len(fabric), device=fabric.device)
+
+
+def lowest_energy(
+    step: StepEnergies, edges: Int[Tensor, " edges"], half_range: float, points: int
+) -> Float[Tensor, " edges"]:
+    """Minimum of φp [J] of each of ``edges`` as it is stretched by -half_range … half_range [m] from its state at t."""
+    units = step.energy.potential
+    deformation = units.inputs(step.current)[edges]
     stretch = torch.linspace(-half_range, half_range, points, dtype=deformation.dtype, device=deformation.device)
     stretched = deformation.repeat(points, 1)
-    stretched[:, 0] += stretch.repeat_interleave(mesh.num_edges)
-    energies = units.energies(stretched, step.attributes.repeat(points, 1))
-    return energies.reshape(points, mesh.num_edges).amin(0)
+    stretched[:, 0] += stretch.repeat_interleave(len(edges))
+    energies = units.energies(stretched, step.attributes[edges].repeat(points, 1))
+    return energies.detach().reshape(points, len(edges)).amin(0)

@@ -68,7 +68,7 @@ class StretchStiffness(FabricMetric):
 
     def _add_moments(self, step: StepEnergies) -> None:
         window, mesh = step.window, step.window.mesh
-        stretch, tension = tension_of(step, EdgeGeometry(window.x_next, mesh))
+        stretch, tension = (each["potential"][-1, :, 0].detach().double() for each in (step.inputs, step.slopes))
         strain = stretch.abs() / mesh.rest_lengths
         bins = self.moments.shape[1]
         place = (BINS_PER_DECADE * (strain.clamp(min=SMALLEST) / SMALLEST).log10()).long().clamp(max=bins - 1)
@@ -90,29 +90,14 @@ class StretchStiffness(FabricMetric):
         return result
 
 
-def _tension(step: StepEnergies, deformation: Tensor, *, create_graph: bool) -> tuple[Tensor, Tensor]:
-    """Δl as a leaf and ∂φp/∂Δl of each edge."""
-    units = step.energy.potential
-    stretch = deformation[:, :1].detach().requires_grad_()
-    features = torch.cat([stretch, deformation[:, 1:].detach()], -1)
-    energies = units.energies(features, step.attributes)
-    (slope,) = torch.autograd.grad(energies.sum(), stretch, create_graph=create_graph)
-    return stretch, slope
-
-
-def tension_of(step: StepEnergies, geometry: EdgeGeometry) -> tuple[Float[Tensor, " edges"], Float[Tensor, " edges"]]:
-    """Δl [m] and ∂φp/∂Δl [N] of each edge of ``geometry``, the angles held."""
-    with torch.enable_grad():
-        deformation = step.energy.potential.inputs(geometry)
-        stretch, slope = _tension(step, deformation, create_graph=False)
-    return stretch[:, 0].detach().double(), slope[:, 0].double()
-
-
 def stiffness(step: StepEnergies, geometry: EdgeGeometry) -> Float[Tensor, " edges"]:
     """∂²φp/∂Δl² [N/m] of each edge of ``geometry``, the angles held."""
     with torch.enable_grad():
-        deformation = step.energy.potential.inputs(geometry)
-        stretch, slope = _tension(step, deformation, create_graph=True)
+        units = step.energy.potential
+        deformation = units.inputs(geometry).detach()
+        stretch = deformation[:, :1].requires_grad_()
+        energies = units.energies(torch.cat([stretch, deformation[:, 1:]], -1), step.attributes)
+        (slope,) = torch.autograd.grad(energies.sum(), stretch, create_graph=True)
         if not slope.requires_grad:
             return torch.zeros_like(slope[:, 0])
         (second,) = torch.autograd.grad(slope.sum(), stretch)

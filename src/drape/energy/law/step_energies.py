@@ -42,7 +42,7 @@ class StepEnergies:
         return torch.stack(frames).detach().requires_grad_()
 
     @cached_property
-    def _inputs(self) -> dict[str, Tensor]:
+    def inputs(self) -> dict[str, Tensor]:
         """Inputs of the units: elastic ones at all frames, ``frames edges inputs``, dissipation ones at t+1."""
         with torch.enable_grad():
             inputs = {"potential": self.energy.potential.inputs(EdgeGeometry(self._x, self.window.mesh))}
@@ -53,7 +53,7 @@ class StepEnergies:
 
     @cached_property
     def _leaves(self) -> dict[str, Tensor]:
-        return {name: value.detach().requires_grad_() for name, value in self._inputs.items()}
+        return {name: value.detach().requires_grad_() for name, value in self.inputs.items()}
 
     @cached_property
     def _potentials(self) -> Float[Tensor, "frames edges"]:
@@ -94,19 +94,25 @@ class StepEnergies:
         return self.window.mesh.sum_edges(self.next.balance - self.potential)
 
     @cached_property
+    def slopes(self) -> dict[str, Tensor]:
+        """Derivatives of φp and φd in their :attr:`inputs`."""
+        with torch.enable_grad():
+            total = self._potentials.sum() + (0.0 if self._dissipated is None else self._dissipated[0].sum())
+            leaves = list(self._leaves.values())
+            found = torch.autograd.grad(total, leaves, create_graph=self.training, retain_graph=True)
+        return dict(zip(self._leaves, found, strict=True))
+
+    @cached_property
     def gradient(self) -> Float[Tensor, "vertices 3"]:
         """∂Φ/∂x [N], minus the internal and damping force on each vertex: that at t+1, or, of an energy that knows at
         which frames forces act, the mean of those at t-1, t and t+1 with these weights.
         """
-        timing = self.energy.timing
+        timing, slopes = self.energy.timing, dict(self.slopes)
         with torch.enable_grad():
-            total = self._potentials.sum() + (0.0 if self._dissipated is None else self._dissipated[0].sum())
-            leaves = list(self._leaves.values())
-            slopes = list(torch.autograd.grad(total, leaves, create_graph=self.training, retain_graph=True))
             if timing is not None:
                 weights = timing(self.attributes)
-                slopes[0] = slopes[0] * (weights if self.training else weights.detach())
-            return pullback(list(self._inputs.values()), self._x, slopes).sum(0)
+                slopes["potential"] = slopes["potential"] * (weights if self.training else weights.detach())
+            return pullback(list(self.inputs.values()), self._x, list(slopes.values())).sum(0)
 
     @cached_property
     def force_residual(self) -> Float[Tensor, "vertices 3"]:
