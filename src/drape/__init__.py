@@ -7,9 +7,15 @@ The public names, for programs of your own; everything else may change without n
     positions = drape.animate(scene, fabric)          # frames, vertices, 3 [m]
 """
 
+import os
 from importlib import import_module
 
 __version__ = "0.1.0"
+
+if "OMP_WAIT_POLICY" not in os.environ:
+    # Threads of PyTorch that wait for each other spin for tens of microseconds and then sleep, instead of spinning for
+    # milliseconds: beside other work a frame of 1081 vertices takes 111 instead of 310 ms, alone 28 instead of 27.
+    os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 PUBLIC = {
     "AnimationFile": "drape.data.animation_hdf5",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -40,3 +41,13 @@ def test_composing_leaves_what_hydra_had():
 def test_importing_the_package_loads_no_torch():
     code = "import sys, drape; drape.DrapeError; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"), [({}, "10000"), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "active"}, "None")]
+)
+def test_threads_sleep_soon_unless_the_user_says_how_they_wait(said: dict[str, str], expected: str):
+    code = "import os, drape; print(os.environ.get('GOMP_SPINCOUNT'))"
+    kept = {name: value for name, value in os.environ.items() if name not in ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")}
+    told = subprocess.run([sys.executable, "-c", code], check=True, env=kept | said, capture_output=True, text=True)
+    assert told.stdout.strip() == expected
