@@ -1,4 +1,4 @@
-"""Callbacks of every training: a stopwatch, and a description of itself in each checkpoint."""
+"""Callbacks of every training: progress, a stopwatch, and a description of itself in each checkpoint."""
 
 from __future__ import annotations
 
@@ -7,6 +7,24 @@ from collections.abc import Callable
 from typing import Any
 
 import lightning
+from lightning.pytorch.callbacks import TQDMProgressBar
+
+
+class ProgressBar(TQDMProgressBar):
+    """Lightning's bar, right as well where a training goes on in the middle of an epoch.
+
+    Lightning announces that to nobody: its own bar has no total until the next epoch, and counts steps of before into
+    the steps per second.
+    """
+
+    def on_train_start(self, trainer: lightning.Trainer, *args: Any) -> None:
+        """Begin where the epoch was interrupted."""
+        super().on_train_start(trainer, *args)
+        if trainer.global_step:
+            self.on_train_epoch_start(trainer)
+            bar, batches = self.train_progress_bar, trainer.num_training_batches
+            bar.initial = bar.n = int((trainer.fit_loop.batch_idx + 1) % batches)
+            bar.total = bar.total and min(bar.total + bar.n, batches)
 
 
 class Stopwatch(lightning.Callback):
