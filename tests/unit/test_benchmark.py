@@ -12,10 +12,11 @@ import pytest
 import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
+from PIL import Image
 
 from drape.benchmark.composed import Composed
 from drape.benchmark.energies import medians
-from drape.benchmark.held_out import Animated, HeldOut, Variant, animate, combinations, summary
+from drape.benchmark.held_out import Animated, HeldOut, Variant, animate, combinations, nearest, summary
 from drape.benchmark.measured import Measured
 from drape.benchmark.resolution import Resolution, held_around_pins, refined, sag
 from drape.blender.presets import read_preset
@@ -25,6 +26,7 @@ from drape.config.entry_point import CONF
 from drape.errors import DrapeError
 from drape.geometry.grid import square_grid
 from drape.metrics.position import distance_travelled, vertex_distance
+from drape.report.last_frames import SIZE, LastFrames, draw_last_frames
 from drape.report.trade import draw_trade
 from drape.scene.material import Material
 from drape.scene.obstacle import Obstacle
@@ -95,8 +97,38 @@ def test_another_mesh_is_compared_at_the_recorded_vertices(count):
     assert found.error == pytest.approx(0.0, abs=1e-6)
 
 
+def animated(error: float, travelled: float = 1.0, seconds: float = 0.01, last: float = 0.0) -> Animated:
+    return Animated(error, travelled, seconds, 5, 0.0, 1.0, np.full((16, 3), last))
+
+
+def test_an_energy_is_shown_by_its_variant_that_comes_nearest():
+    """Over all sequences, at the end of the last one; what is not finite comes nearest to nothing."""
+    found = {
+        Variant("eunet", "float64", 5, 1, 22): [animated(0.1), animated(0.9, last=1.0)],
+        Variant("eunet", "float64", 10, 1, 22): [animated(0.4), animated(0.2, last=2.0)],
+        Variant("eunet", "float64", 20, 1, 22): [animated(float("nan")), animated(0.1, last=3.0)],
+        Variant("phys", "float64", 5, 1, 22): [animated(float("nan")), animated(0.1, last=4.0)],
+    }
+    assert {name: x[0, 0] for name, x in nearest(found).items()} == {"eunet": 2.0, "phys": 4.0}
+
+
+def test_last_frames_stand_below_the_recorded_one(tmp_path: Path):
+    """Same place, same picture; gone from the recorded camera, nothing; what is not finite is not drawn."""
+    still = hanging_scene()
+    scene = hanging_scene(reference=np.stack([still.initial.x] * 4))
+    ends = {"same": still.initial.x, "gone": still.initial.x + 50.0, "broken": np.full((16, 3), np.nan)}
+    path = draw_last_frames([LastFrames(scene, ends)], tmp_path / "ends.png")
+    with Image.open(path) as file:
+        picture = np.asarray(file.convert("L"), float)
+    rows = np.split(picture[: 4 * (len(picture) // 4), -SIZE // 2 :], 4)  # without words and time
+    cloth = [float((row < 240).mean()) for row in rows]
+    assert cloth[0] > 0.05
+    assert cloth[1] == pytest.approx(cloth[0], abs=0.02)
+    assert cloth[2:] == [0.0, 0.0]
+
+
 def test_the_share_of_a_summary_is_that_of_the_means_and_its_time_the_median():
-    of = [Animated(0.1, 1.0, 0.01, 5, 0.0, 1.0), Animated(0.5, 2.0, 0.02, 7, 0.0, 1.0), Animated(0, 1, 1.0, 6, 0, 1)]
+    of = [animated(0.1, 1.0, 0.01), animated(0.5, 2.0, 0.02), animated(0.0, 1.0, 1.0)]
     row = summary("silk", Variant("eunet", "float64", 100, 2, 22), of)
     assert row["error_percent"] == pytest.approx(100 * 0.6 / 4.0)
     assert (row["ms_per_frame"], row["error_mm"]) == pytest.approx((20.0, 200.0))
@@ -137,6 +169,15 @@ def test_variants_are_all_combinations():
     values |= {"steps": [1], "resolution": [22, 43]}
     assert len(combinations("all", values)) == 8
     assert len(HeldOut("x.h5", 1, 1, {"first": values, "again": values}, "x").variants) == 8
+
+
+def test_trained_laws_are_animated_beside_each_other():
+    config = composed("measure=animated_laws", "trained=runs/cloth_paper/eunet", "seed=2")
+    check_config(config, contents="benchmark")
+    Composed(config).check(variant.energy for variant in instantiate(config.measure).variants)
+    found = {energy.checkpoint for energy in config.energies.values() if "checkpoint" in energy}
+    runs = "runs/cloth_paper/eunet/{}/all/seed_2/checkpoints/last.ckpt"
+    assert found == {runs.format(name) for name in ("none", "no_dissipation", "no_contrastive")}
 
 
 def test_the_trade_is_a_sweep_of_held_out_sequences():
@@ -240,7 +281,7 @@ def test_energies_of_the_laws_are_timed():
 
 def test_rows_are_kept_as_numbers_and_shown_without_what_is_the_same(tmp_path: Path):
     rows = [{"energy": name, "precision": "float64", "error_mm": k / 3} for k, name in enumerate(("a", "b"))]
-    measured = Measured("held_out", "A title", rows, "a note", lambda path: draw_trade(TRADE, path))
+    measured = Measured("held_out", "A title", rows, "a note", {"": lambda path: draw_trade(TRADE, path)})
     paths = measured.save(tmp_path / "deep")
     assert [path.name for path in paths] == ["held_out.csv", "held_out.md", "held_out.png"]
     with open(paths[0], newline="", encoding="utf-8") as file:

@@ -94,7 +94,7 @@ class FabricCard:
         cited = [f"{key}: {text}" for key, text in self.sources.items()]
         note = "; ".join([*cited, circumstances.text()])
         title = "Fabrics in the terms of textile data sheets, by the solver, beside what is published"
-        return Measured("fabric_cards", title, rows, note, functools.partial(draw_cards, pictured))
+        return Measured("fabric_cards", title, rows, note, {"": functools.partial(draw_cards, pictured)})
 
     def _sample(self, composed: Composed, fabric: str) -> Sample:
         config = composed.with_fabric(fabric)

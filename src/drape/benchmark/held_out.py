@@ -10,6 +10,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from omegaconf import DictConfig
 from tqdm import tqdm
 
@@ -18,6 +19,7 @@ from drape.benchmark.measured import Circumstances, Measured, Row
 from drape.data.recorded_scene import held_out
 from drape.errors import DrapeError
 from drape.metrics.position import distance_travelled, vertex_distance
+from drape.report.last_frames import LastFrames, draw_last_frames
 from drape.report.trade import draw_trade
 from drape.scene.scene import Scene
 from drape.scene.square_resampling import SquareResampling, resampled
@@ -55,10 +57,14 @@ class Animated(NamedTuple):
     """Unbalanced force per free vertex as a share of the weight, mean."""
     converged: float
     """Share of the frames."""
+    last: Float[np.ndarray, "vertices 3"]
+    """Positions at the end, where the recording has its vertices [m]."""
 
 
 class HeldOut:
     """Test sequences of each of the config's fabrics, animated by each variant from their first two frames.
+
+    Pictures: error against time, and the last frame of the last sequence of each fabric by each energy.
 
     Args:
         path: data file.
@@ -87,7 +93,7 @@ class HeldOut:
         """One row for each fabric and variant; for each sequence all variants have their turn."""
         circumstances, composed = Circumstances(), Composed(config)
         composed.check(variant.energy for variant in self.variants)
-        fabrics, rows = list(config.fabrics), []
+        fabrics, rows, ends = list(config.fabrics), [], []
         total = len(fabrics) * self.sequences * len(self.variants)
         self._warm_up(composed, fabrics[0], config.fabrics[fabrics[0]].name)
         with tqdm(total=total, desc="animating", unit=" sequences", file=sys.stderr) as bar:
@@ -99,10 +105,12 @@ class HeldOut:
                         found[variant].append(self._animate(composed, scene, fabric, variant))
                         bar.update()
                 rows += [summary(fabric, variant, animated) for variant, animated in found.items()]
+                ends.append(LastFrames(scene, nearest(found)))
         title = (
             f"{self.path}: {self.sequences} test sequences of each fabric, {self.frames} frames from two recorded ones"
         )
-        return Measured(self.name, title, rows, circumstances.text(), partial(draw_trade, rows))
+        figures = {"": partial(draw_trade, rows), "_last_frames": partial(draw_last_frames, ends)}
+        return Measured(self.name, title, rows, circumstances.text(), figures)
 
     def _warm_up(self, composed: Composed, fabric: str, name: str) -> None:
         """Let what is compiled when it is first used be compiled before anything is timed."""
@@ -115,6 +123,14 @@ class HeldOut:
         settings = {name: getattr(variant, name) for name in ("precision", "iterations", "steps")}
         simulator = composed.simulator(scene, variant.energy, fabric, **settings)
         return animate(simulator, scene, recorded.reference)
+
+
+def nearest(found: Mapping[Variant, Sequence[Animated]]) -> dict[str, Float[np.ndarray, "vertices 3"]]:
+    """For each energy the end of the last sequence by that of its variants which comes nearest to all recorded ones."""
+    error = {variant: sum(each.error for each in animated) for variant, animated in found.items()}
+    farthest_first = sorted(found, key=lambda variant: (np.isfinite(error[variant]), -error[variant]))
+    ends = {variant.energy: found[variant][-1].last for variant in farthest_first}
+    return {variant.energy: ends[variant.energy] for variant in found}
 
 
 def combinations(name: str, values: Mapping[str, Sequence]) -> list[Variant]:
@@ -156,12 +172,13 @@ def animate(simulator: Simulator, scene: Scene, reference: np.ndarray | None) ->
         evaluations=float(np.mean([result.iterations for result in results])),
         residual=float(np.mean([result.residual for result in results])) / weight,
         converged=float(np.mean([result.outcome is Outcome.CONVERGED for result in results])),
+        last=x[-1],
     )
 
 
 def summary(fabric: str, variant: Variant, animated: Sequence[Animated]) -> Row:
     """Means over sequences, of the time the median; the share is that of the means."""
-    of = {name: [getattr(each, name) for each in animated] for name in Animated._fields}
+    of = {name: [getattr(each, name) for each in animated] for name in Animated._fields if name != "last"}
     mean = {name: float(np.mean(values)) for name, values in of.items()}
     return {
         "fabric": fabric,

@@ -9,7 +9,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -32,8 +32,8 @@ class Measured:
     title: str
     rows: Sequence[Row]
     note: str = ""
-    figure: Callable[[Path], Path] | None = None
-    """Draws a picture to a path, where there is one."""
+    figures: Mapping[str, Callable[[Path], Path]] = field(default_factory=dict)
+    """Draw pictures to a path, by what follows the name in theirs."""
 
     def table(self) -> Table:
         """The rows as text; a column that says the same everywhere stands in the note instead."""
@@ -49,7 +49,7 @@ class Measured:
         )
 
     def save(self, folder: Path | str) -> list[Path]:
-        """Write ``<name>.csv``, ``<name>.md`` and, where there is a picture, ``<name>.png`` into ``folder``."""
+        """Write ``<name>.csv``, ``<name>.md`` and pictures, ``<name>.png`` and others, into ``folder``."""
         paths = [Path(folder) / f"{self.name}{ending}" for ending in (".csv", ".md")]
         with whole_file(paths[0]) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(self.rows[0]))
@@ -57,9 +57,7 @@ class Measured:
             writer.writerows(self.rows)
         with whole_file(paths[1]) as temporary:
             temporary.write_text(self.table().markdown(), encoding="utf-8")
-        if self.figure is not None:
-            paths.append(self.figure(Path(folder) / f"{self.name}.png"))
-        return paths
+        return paths + [draw(Path(folder) / f"{self.name}{ending}.png") for ending, draw in self.figures.items()]
 
 
 class Measure(Protocol):

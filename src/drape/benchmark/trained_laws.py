@@ -96,7 +96,7 @@ class TrainedLaws:
             f"sequences of each fabric, animated for {self.frames} frames from two recorded ones"
         )
         name = self.against.rpartition(".")[2]
-        return Measured(name, title, rows, circumstances.text(), partial(draw_trained_laws, rows, name))
+        return Measured(name, title, rows, circumstances.text(), {"": partial(draw_trained_laws, rows, name)})
 
     def _runs(self) -> Iterator[Run]:
         folders = [folder for pattern in self.patterns for folder in glob.glob(pattern)]
