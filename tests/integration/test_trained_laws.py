@@ -6,6 +6,7 @@ import csv
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from drape.benchmark.recorder import backward_euler
 from tests.integration.conftest import ROOT, Run, in_process, trained
@@ -41,6 +42,26 @@ def test_laws_are_compared_with_what_they_have_seen(runs, tmp_path, monkeypatch)
     assert min(found.values()) > 0
     clean, noisy = found[0.0, "spring_hinge", "silk"], found[1e-3, "spring_hinge", "silk"]
     assert noisy != pytest.approx(clean, rel=1e-3)  # each law is fitted to what its training saw
+
+
+def test_a_law_and_its_ablations_are_animated_beside_recorded_cloth(data, tmp_path, monkeypatch):
+    """Each law is that of its own checkpoint, and the picture has a line for each and for what was recorded."""
+    monkeypatch.chdir(ROOT)
+    rows = tmp_path / "eunet"
+    for seed, name in enumerate(("none", "no_dissipation", "no_contrastive")):
+        given = ("model=eunet", f"ablation={name}", "scale.max_steps=1", f"seed={seed}")
+        done = trained(data, rows / name / "all" / "seed_0", *given)
+        assert done.code == 0, done.err
+    given = [f"trained={rows}", f"measure.path={data}", "measure.frames=2", "measure.variants.default.iterations=[6]"]
+    done = in_process("benchmark", "measure=animated_laws", *given, f"folder={tmp_path}", f"hydra.run.dir={tmp_path}")
+    assert done.code == 0, done.err
+    with open(tmp_path / "animated_laws.csv") as file:
+        found = {(row["fabric"], row["energy"]): float(row["error_mm"]) for row in csv.DictReader(file)}
+    assert len(found) == 4 * 4
+    for fabric in ("silk", "leather", "denim", "cotton"):
+        assert len({error for (name, _), error in found.items() if name == fabric}) == 4
+    with Image.open(tmp_path / "animated_laws_last_frames.png") as picture:
+        assert picture.width == pytest.approx(4 / 5 * picture.height, rel=0.1)
 
 
 def test_mistakes_get_a_sentence(runs, tmp_path, monkeypatch):
