@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from drape.data.look import fabric_colour, upright
 from drape.report.picture_sheet import Line, draw_pictures
@@ -43,14 +43,14 @@ def draw_last_frames(sequences: Sequence[LastFrames], path: Path) -> Path:
     return draw_pictures(lines, path)
 
 
-def _pictures(sequence: LastFrames) -> dict[str, UInt8[np.ndarray, "height width 3"]]:
+def _pictures(sequence: LastFrames) -> dict[str, Float[np.ndarray, "height width 3"]]:
     scene = sequence.scene
     reference = np.asarray(scene.reference)
     rotation, colour = upright(scene.gravity), fabric_colour(scene.material.name)
     camera = Camera.framing((x @ rotation.T for x in reference), 1.0)
 
-    def picture(x: np.ndarray) -> np.ndarray:
-        drawn = draw([Surface(x @ rotation.T, scene.mesh.faces, colour)], camera, SIZE, SIZE)
-        return (255 * drawn).round().astype(np.uint8)
-
-    return {name: picture(x) for name, x in {RECORDED: reference[-1], **sequence.animated}.items()}
+    surfaces = {
+        name: Surface(x @ rotation.T, scene.mesh.faces, colour)
+        for name, x in {RECORDED: reference[-1], **sequence.animated}.items()
+    }
+    return {name: draw([surface], camera, SIZE, SIZE) for name, surface in surfaces.items()}
