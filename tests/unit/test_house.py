@@ -184,6 +184,10 @@ def test_no_pickle_is_read():
     assert matches(SOURCES, r"pickle\.load|weights_only=False|allow_pickle=True|import pickle") == []
 
 
+def test_figures_leave_the_backend_of_a_notebook_alone():
+    assert matches(SOURCES, r"pyplot|matplotlib\.use") == []
+
+
 def test_documents_that_are_cited_are_in_the_repository():
     """Notes that a reader does not have are no source: a paper with its equation, or a section of docs/sources.md."""
     paths = [*TEXTS, *sorted((ROOT / "docs").glob("*.md")), ROOT / "CHANGELOG.md"]

@@ -6,12 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from drape.data.whole_file import whole_file
 
@@ -36,7 +32,8 @@ def draw_pictures(lines: Sequence[Line], path: Path) -> Path:
     height, width = lines[0].pictures[0].shape[:2]
     columns, margin = max(len(line.pictures) for line in lines), MARGIN if any(line.words for line in lines) else 0.0
     size = (margin + columns * (width / DPI + GAP), len(lines) * (height / DPI + GAP))
-    figure, axes = plt.subplots(len(lines), columns, figsize=size, squeeze=False)
+    figure = Figure(figsize=size)
+    axes = figure.subplots(len(lines), columns, squeeze=False)
     for axis in axes.flat:
         axis.set(xticks=[], yticks=[])
         axis.spines[:].set_visible(False)
@@ -49,5 +46,4 @@ def draw_pictures(lines: Sequence[Line], path: Path) -> Path:
     figure.subplots_adjust(margin / size[0], 0.0, 1.0, 1.0, wspace=0.02, hspace=0.02)
     with whole_file(path) as temporary:
         figure.savefig(temporary, dpi=DPI)
-    plt.close(figure)
     return path
