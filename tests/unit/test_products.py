@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import torch
 from omegaconf import OmegaConf
@@ -13,7 +15,7 @@ from drape.training import run
 
 @pytest.fixture(autouse=True)
 def as_before():
-    with products.products_of_before():
+    with products.products_of_training():
         torch.set_float32_matmul_precision("highest")
         yield
 
@@ -39,7 +41,7 @@ def test_a_library_that_rounds_is_not_asked_again(monkeypatch):
     assert torch.get_float32_matmul_precision() == "highest"
 
 
-def test_what_comes_next_has_the_products_of_before(monkeypatch, tmp_path):
+def test_what_comes_next_has_the_products_of_training(monkeypatch, tmp_path):
     """After a training that failed, too: a sweep goes on with its other runs."""
 
     def failing(*_: object) -> None:
@@ -51,3 +53,24 @@ def test_what_comes_next_has_the_products_of_before(monkeypatch, tmp_path):
     with pytest.raises(DrapeError, match="stopped"):
         run.train(OmegaConf.create(), tmp_path, {})
     assert torch.get_float32_matmul_precision() == "highest"
+
+
+def test_weights_are_rounded_anew_after_an_update(monkeypatch, tmp_path):
+    """Rollouts have several updates in one training step, graphs are replayed after updates: none is kept rounded."""
+    torch.set_autocast_cache_enabled(True)
+    layer, found = torch.nn.Linear(4, 1, bias=False), []
+
+    def training(*_: object) -> Path:
+        with torch.autocast("cpu", torch.bfloat16):  # as Lightning does around a training step
+            for _ in range(2):
+                found.append(layer(torch.ones(4)).detach().clone())
+                layer.weight.data.zero_()
+        return tmp_path
+
+    monkeypatch.setattr(run, "_train", training)
+    monkeypatch.setattr(run.conf, "check_config", lambda config: None)
+    run.train(OmegaConf.create(), tmp_path, {})
+    assert found[0].dtype == torch.bfloat16
+    assert found[0] != 0
+    assert found[1] == 0
+    assert torch.is_autocast_cache_enabled()

@@ -13,7 +13,7 @@ from drape.benchmark.measured import Circumstances, Measured
 from drape.benchmark.simulator_step import SimulatorStep
 from drape.data.statistics import training_statistics
 from drape.errors import DrapeError
-from drape.nets.products import multiply_by_onednn, products_of_before
+from drape.nets.products import multiply_by_onednn, products_of_training
 from drape.training.step_cost import StepCost
 
 
@@ -31,7 +31,7 @@ class TrainingStep:
             raise DrapeError(f"repeats: found {repeats}; expected a whole number from 1 on")
         self.repeats = repeats
 
-    @products_of_before()
+    @products_of_training()
     def measure(self, config: DictConfig) -> Measured:
         """Of the model, loss and data of ``config``, composed from ``conf/train.yaml``."""
         on_gpu = config.trainer.accelerator == "gpu"

@@ -9,13 +9,19 @@ import torch
 
 
 @contextmanager
-def products_of_before() -> Iterator[None]:
-    """Afterwards products are as they were: what comes next in the process, as in a sweep, may need others."""
-    before = torch.get_float32_matmul_precision()
+def products_of_training() -> Iterator[None]:
+    """Products of a training; afterwards they are as they were, as what comes next in a sweep may need others.
+
+    Where weights are rounded for products (``+trainer.precision=bf16-mixed``), they are so each time. PyTorch would
+    keep the rounded ones to the end of a training step, which may have several updates, or is captured and replayed.
+    """
+    before, kept = torch.get_float32_matmul_precision(), torch.is_autocast_cache_enabled()
+    torch.set_autocast_cache_enabled(False)
     try:
         yield
     finally:
         torch.set_float32_matmul_precision(before)
+        torch.set_autocast_cache_enabled(kept)
 
 
 def multiply_by_onednn() -> bool:

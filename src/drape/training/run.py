@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from drape import config as conf
 from drape.config.target import locate
 from drape.errors import DrapeError
-from drape.nets.products import products_of_before
+from drape.nets.products import products_of_training
 from drape.stored import reading
 from drape.training.callbacks import SelfDescription, Stopwatch
 from drape.training.continuation import alone, newest
@@ -41,7 +41,7 @@ def train(config: DictConfig, folder: Path, choices: Mapping[str, str]) -> Path:
         DrapeError: mistakes in the config, faulty data, or another config in the folder.
     """
     conf.check_config(config)
-    with alone(folder), products_of_before():
+    with alone(folder), products_of_training():
         return _train(config, folder, choices)
 
 
