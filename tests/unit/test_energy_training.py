@@ -14,6 +14,7 @@ from drape.loss.energy_balance import EnergyBalance
 from drape.loss.force_residual import ForceResidual
 from drape.metrics.energy_error import EnergyError
 from drape.scene.material import ATTRIBUTES
+from drape.training import energy_training
 from drape.training.curriculum import curriculum
 from drape.training.energy_training import EnergyTraining
 from drape.training.schedule import cosine, halving
@@ -45,6 +46,18 @@ def training(seed: int = 0, schedule=lambda progress: 1.0, **about: int) -> Alon
     for name, value in about.items():
         setattr(made, name, value)
     return made
+
+
+@pytest.mark.parametrize(
+    ("processes", "batches", "expected"), [(1, 1, True), (2, 1, False), (1, 2, False)], ids=["alone", "ddp", "sums"]
+)
+def test_slopes_that_are_added_up_are_not_replayed(processes, batches, expected, cloth_batch, monkeypatch):
+    """A replay replaces slopes: neither those of batches before nor those of other processes may be lost."""
+    made, window = training(), make_window(cloth_batch)
+    made.trainer = SimpleNamespace(world_size=processes, accumulate_grad_batches=batches)
+    monkeypatch.setattr(torch.Tensor, "is_cuda", True)
+    monkeypatch.setattr(energy_training, "CapturedStep", lambda *_: SimpleNamespace(fits=lambda window: True))
+    assert made._captures(window) == expected
 
 
 def test_the_total_is_weighted_and_its_terms_are_logged_as_they_are(cloth_batch):

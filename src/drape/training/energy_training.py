@@ -112,8 +112,8 @@ class EnergyTraining(lightning.LightningModule):
         return loss_values(self.energy, self.loss, window)
 
     def _captures(self, window: Window) -> bool:
-        """Whether the step of this window is replayed: one process, and the mesh of the first window."""
-        if not window.x.is_cuda or self.trainer.world_size > 1:
+        """Whether this window is replayed: one process, slopes of one batch, the mesh of the first window."""
+        if not window.x.is_cuda or self.trainer.world_size > 1 or self.trainer.accumulate_grad_batches > 1:
             return False
         if self._captured is None:
             self._captured = CapturedStep(self.losses, list(self.energy.parameters()), window)
