@@ -157,7 +157,7 @@ def _summary(trained: Trained, found: list[Row]) -> Row:
     of = {name: np.array([row[name] for row in found]) for name in found[0]}
     told = trained.training
     return {
-        "row": told["row"] + ("" if told["ablation"] == "none" else f" {told['ablation']}"),
+        "row": told.get("name", told["row"]) + ("" if told["ablation"] == "none" else f" {told['ablation']}"),
         "seed": str(told["seed"]),
         "finite_frames_percent": 100 * of["finite"].mean(),
         "inside_percent": 100 * of["inside"].mean(),
