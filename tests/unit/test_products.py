@@ -41,7 +41,7 @@ def test_a_library_that_rounds_is_not_asked_again(monkeypatch):
     assert torch.get_float32_matmul_precision() == "highest"
 
 
-def test_what_comes_next_has_the_products_of_training(monkeypatch, tmp_path):
+def test_what_comes_next_has_the_products_of_before(monkeypatch, tmp_path):
     """After a training that failed, too: a sweep goes on with its other runs."""
 
     def failing(*_: object) -> None:

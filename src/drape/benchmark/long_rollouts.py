@@ -29,7 +29,7 @@ from drape.scene.obstacle import Obstacle
 from drape.scene.pins import Pins
 from drape.scene.scene import Scene
 from drape.scene.state import State
-from drape.simulators.neural.checkpoint import Trained, load_simulator
+from drape.simulators.neural.checkpoint import Trained, load_simulator, training_name
 from drape.simulators.neural.neural import NeuralSimulator
 from drape.simulators.simulator import Outcome
 
@@ -157,7 +157,7 @@ def _summary(trained: Trained, found: list[Row]) -> Row:
     of = {name: np.array([row[name] for row in found]) for name in found[0]}
     told = trained.training
     return {
-        "row": told.get("name", told["row"]) + ("" if told["ablation"] == "none" else f" {told['ablation']}"),
+        "row": training_name(told) + ("" if told["ablation"] == "none" else f" {told['ablation']}"),
         "seed": str(told["seed"]),
         "finite_frames_percent": 100 * of["finite"].mean(),
         "inside_percent": 100 * of["inside"].mean(),

@@ -21,7 +21,7 @@ from drape.scene.material import Material
 from drape.scene.scene import Scene
 from drape.simulators.choice import asks_for, chosen_budget
 from drape.simulators.device import check_device
-from drape.simulators.neural.checkpoint import load_simulator
+from drape.simulators.neural.checkpoint import load_simulator, training_name
 from drape.simulators.simulator import Simulator
 
 OF_ENERGIES = ("energy", "contact")
@@ -69,7 +69,7 @@ class Method:
             DrapeError: a checkpoint whose name would lead out of the folder of evaluations.
         """
         if (told := self.training) is not None:
-            row = told.get("name", told["row"])  # the user's own where one was given
+            row = training_name(told)
             name = row if told["ablation"] == "none" else f"{row}_{told['ablation']}"
             name = f"{name}_{told['scale']}_seed_{told['seed']}"
             if leaves_its_folder(name):

@@ -41,6 +41,11 @@ class Trained(NamedTuple):
     """Its description: row, label, ablation, scale, seed, iterations, seconds, parameters, command."""
 
 
+def training_name(training: Mapping[str, Any]) -> str:
+    """Name of a described training: the user's own where one was given, that of its row in files of before."""
+    return training.get("name", training["row"])
+
+
 def describe_simulator(
     config: dict[str, Any], training: dict[str, Any], network: nn.Module, step: Step, material: Material
 ) -> dict:
